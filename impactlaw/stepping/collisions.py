@@ -224,6 +224,11 @@ class _AsClosed(Law):
         """Those of the law."""
         return self.law.contact_labels
 
+    @property
+    def normal_law(self) -> Law:
+        """That of the law."""
+        return self.law.normal_law
+
     def target(self, collision: Collision) -> Target:
         """Return what the law aims at for ``min(gamma-, 0)``."""
         opens, surface = np.maximum(collision.pre_contact_velocity, 0.0), collision.surface_velocity

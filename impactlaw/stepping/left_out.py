@@ -35,7 +35,7 @@ def watched_fields(plan: Plan, friction: Literal["coulomb", "convex", "ignore"])
     if not plan.detection:
         fields = _CONTACT
     elif friction != "ignore" and (not plan.friction or plan.scheme == "event-driven"):
-        fields = _FRICTION
+        fields = _FRICTION + (() if plan.friction else _CONTACT)  # of others that meet then
     else:
         fields = ()
     if plan.scheme == "time-stepping":

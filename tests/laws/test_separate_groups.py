@@ -9,8 +9,9 @@ import pytest
 import scipy
 from laws.frictional import several_contacts
 
-from impactlaw import Collision, Coulomb, Friction, FrictionImpact, Newton, Poisson
-from impactlaw.laws.friction.groups import apart
+from impactlaw import Collision, Coulomb, Friction, FrictionImpact, Moreau, Newton, Poisson
+from impactlaw.laws.friction.groups import apart, ties_of
+from impactlaw.stepping.collisions import as_closed
 
 
 def _collision(seed: int, rough: float) -> Collision:
@@ -100,3 +101,10 @@ def test_many_bodies_with_degrees_of_freedom_of_their_own(law: type, joined: boo
         alone = _resolved(Coulomb(law(list(e[contacts]))), part)
         np.testing.assert_allclose(impact.impulse[contacts], alone.impulse, rtol=1e-9)
         assert alone.residual < 1e-9
+
+
+@pytest.mark.parametrize("law", [Moreau(0.5), Newton([0.5, 0.4])])
+def test_contacts_of_which_some_tremble_are_tied_no_more_than_others(law):
+    """What one body does with friction and restitution is judged without the other."""
+    c = Collision(np.eye(4), np.eye(4)[[0, 2]], [-1.0, 0.3, -1.0, 0.2])
+    assert ties_of(as_closed(law), c) is None

@@ -307,3 +307,16 @@ def test_a_flag_that_is_changed_once_is_looked_at_once(way, monkeypatch):
     for _ in range(3):
         stepper.step(data)
     assert len(made) == 1
+
+
+@every_way
+def test_geoms_with_friction_that_meet_others_later(way):
+    """Geoms without friction meet already."""
+    model, data = compiled("""<geom type="plane" size="9 9 1" condim="1"/><body pos="0 0 .1"><freejoint/>
+      <geom type="box" size=".1 .1 .1" mass="1" condim="1"/>
+      <geom size=".05" pos="0 0 -.05" mass="0" condim="3" contype="0" conaffinity="0"/></body>""")
+    stepper = Stepper(model, Moreau(0.0), **WAYS[way])
+    stepper.step(data)
+    let_meet(model)
+    with pytest.raises(SceneError, match=r"contacts have friction since model.geom_con"):
+        stepper.step(data)

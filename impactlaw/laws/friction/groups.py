@@ -71,6 +71,7 @@ def ties_of(law: Law, collision: Collision) -> np.ndarray | None:
     None if none does, or only of those that influence each other anyway. Of a law that is not one coefficient per
     contact, and has no matrix, all may.
     """
+    law = law.normal_law
     if law.common_coefficient is not None or isinstance(law, ContactCoefficients | Compliant):
         return None
     if isinstance(law, RestitutionLaw):

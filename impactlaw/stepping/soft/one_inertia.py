@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import mujoco
+import numpy as np
 
 from impactlaw.stepping.integration import joint_inertia, locked_joints
 from impactlaw.stepping.soft.tolerances import LOCKED
@@ -21,25 +22,26 @@ _PGS = int(mujoco.mjtSolver.mjSOL_PGS)
 _DISCRETE = int(mujoco.mjtIntegrator.mjINT_DISCRETE)
 
 
-@contextmanager
-def one_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> Iterator[bool]:
-    """Let the mass matrix of data, and its factor, be those of ``M + h D`` while forces are found; yield whether.
+def added_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray | None:
+    """Return h D of such joints, 0 of others, (nv,), to be added to M while forces are found; None if nothing is.
 
-    They are not where nothing touches, no joint is damped that much, the integrator is "discrete", or forces are found
+    That is so where nothing touches, no joint is damped that much, the integrator is "discrete", or forces are found
     from what MuJoCo has made of M before: by its solver PGS, or in iterations without slip.
     """
     options = model.opt
     other = options.solver == _PGS or options.noslip_iterations > 0 or options.integrator == _DISCRETE
     added = None if other or not (data.ncon or data.nl) else joint_inertia(model)
     locked = locked_joints(model, added, LOCKED)
-    if added is None or locked is None:
-        yield False
-        return
+    return None if added is None or locked is None else np.where(locked, added, 0.0)
+
+
+@contextmanager
+def one_inertia(model: mujoco.MjModel, data: mujoco.MjData, added: np.ndarray) -> Iterator[None]:
+    """Let the mass matrix of data, and its factor, be those of M with what is added to its diagonal, (nv,)."""
     kept = data.M.copy(), data.qLD.copy(), data.qLDiagInv.copy()
-    diagonal = model.M_rowadr + model.M_rownnz - 1
-    data.M[diagonal[locked]] += added[locked]
+    data.M[model.M_rowadr + model.M_rownnz - 1] += added
     mujoco.mj_factorM(model, data)
     try:
-        yield True
+        yield
     finally:
         data.M[:], data.qLD[:], data.qLDiagInv[:] = kept

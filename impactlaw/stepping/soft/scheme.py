@@ -49,7 +49,7 @@ from impactlaw.stepping.integration import check_timestep
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.soft.collisions import NOTHING, VELOCITY, Collisions
 from impactlaw.stepping.soft.look_not_ahead import look_not_ahead
-from impactlaw.stepping.soft.one_inertia import one_inertia
+from impactlaw.stepping.soft.one_inertia import added_inertia, one_inertia
 
 _RK4, _EULER, _DISCRETE = (int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("RK4", "EULER", "DISCRETE"))
 _ENERGY, _COMPARE = int(mujoco.mjtEnableBit.mjENBL_ENERGY), int(mujoco.mjtEnableBit.mjENBL_FWDINV)
@@ -183,11 +183,17 @@ class SoftStepping:
         if integrator == _DISCRETE:  # has no function of its own but mj_step2, which calls no control callback
             self._finish_step(data, stage)
             return events
-        with one_inertia(model, data):
+        added = added_inertia(model, data)
+        if added is None or get_mjcb_control() is not None:  # callbacks see the mass matrix as it is
             mj_forwardSkip(model, data, stage, 0)
+        elif stage != VELOCITY:
+            self._update_velocity(data)
+        if added is None:
             held = contacts > 0 and self.collisions.bounces(data) and self.collisions.hold_back(data)
             if held:
                 mj_forwardSkip(model, data, VELOCITY, 0)
+        else:
+            held = self._find_forces(data, added)
         mj_checkAcc(model, data)
         if options.enableflags & _COMPARE:
             mujoco.mj_compareFwdInv(model, data)
@@ -213,20 +219,30 @@ class SoftStepping:
         model = self._model
         if stage != VELOCITY:
             self._update_velocity(data)
+        added = added_inertia(model, data)
+        if added is not None:
+            self._find_forces(data, added)
+            mj_checkAcc(model, data)
+            if self._options.enableflags & _COMPARE:
+                mujoco.mj_compareFwdInv(model, data)
+            self._integrate(data)
+            return
         late = self._options.integrator == _DISCRETE  # makes the springs of contacts in mj_step2, not before
         if not late and (data.ncon or data.nl) and self.collisions.bounces(data):
             _find_forces(model, data)
             self.collisions.hold_back(data)
-        with one_inertia(model, data) as acts:
-            if acts:
-                _find_forces(model, data)
-                data.flg_rnepost = 0
-                mujoco.mj_sensorAcc(model, data)
-        if not acts:
-            mujoco.mj_step2(model, data)
-            return
-        mj_checkAcc(model, data)
-        self._integrate(data)
+        mujoco.mj_step2(model, data)
+
+    def _find_forces(self, data: mujoco.MjData, added: np.ndarray) -> bool:
+        """Find forces, and what sensors measure of them, with one inertia; return whether contacts were held back."""
+        with one_inertia(self._model, data, added):
+            _find_forces(self._model, data)
+            held = self.collisions.bounces(data) and self.collisions.hold_back(data)
+            if held:
+                _find_forces(self._model, data)
+            data.flg_rnepost = 0
+            mujoco.mj_sensorAcc(self._model, data)
+        return held
 
     def _look(self, data: mujoco.MjData) -> None:
         """Do what `mj_step1` does, except for the control callback: `mj_forwardSkip` calls it."""

@@ -179,8 +179,11 @@ def test_light_links_throw_no_carriage(damping, restitution, integrator, compile
     assert rises(stepper.step, model, data).max() < 0.02
 
 
-def test_steps_in_two_halves_are_those_of_one():
+@pytest.mark.parametrize("bounces", [False, True])
+def test_steps_in_two_halves_are_those_of_one(bounces):
     model, data = carriage(0.05)
+    if bounces:
+        model.geom_solref[:] = -1000.0, -1.0
     whole = Stepper(model, Moreau(0.5), contact_model="soft", compiled="never")
     halves, other = Stepper(model, Moreau(0.5), contact_model="soft", compiled="never"), mujoco.MjData(model)
     other.qvel[:] = data.qvel
@@ -216,3 +219,40 @@ def test_other_solvers_of_mujoco_take_the_mass_matrix_that_they_have_made_before
         ours.step(data)
         python.step(other)
         np.testing.assert_allclose(data.qvel, other.qvel, rtol=0.0, atol=1e-9 * np.abs(other.qvel).max())
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+def test_energy_and_callbacks_see_the_mass_matrix_as_it_is(compiled):
+    model, data = carriage(0.05)
+    model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    stepper, collisions = Stepper(model, Moreau(0.5), contact_model="soft", compiled=compiled), 0
+    before = mujoco.MjData(model)
+    for _ in range(30):
+        before.qpos[:] = data.qpos
+        stepper.step(data)
+        if stepper.sums.collisions:
+            collisions += 1
+            mujoco.mj_forward(model, before)
+            after = stepper.events[-1].impact.post_velocity
+            assert data.energy[1] == pytest.approx(0.5 * after @ mass_matrix(model, before) @ after, rel=1e-9)
+    assert collisions > 0
+
+
+def test_a_control_callback_sees_the_mass_matrix_as_it_is():
+    model, data = carriage(0.05)
+    stepper, seen = Stepper(model, Moreau(0.5), contact_model="soft"), []
+
+    def control(model, data):
+        seen.append((data.qpos.copy(), data.M.copy()))
+
+    mujoco.set_mjcb_control(control)
+    try:
+        for _ in range(30):
+            stepper.step(data)
+    finally:
+        mujoco.set_mjcb_control(None)
+    assert data.ncon > 0
+    for qpos, matrix in seen[1:]:
+        data.qpos[:] = qpos
+        mujoco.mj_fwdPosition(model, data)
+        np.testing.assert_allclose(matrix, data.M, rtol=1e-12)

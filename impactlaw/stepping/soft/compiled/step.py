@@ -151,12 +151,17 @@ def _from_start(w, law, trial, integrator, state, sums):
     if locked:
         lock(w, kept)
     status, changed = _collide(w, law, sums)
-    if locked and (status != FINE or not takes_forces(w)):
+    if locked and (changed or status != FINE or not takes_forces(w)):
         unlock(w, kept)
-        locked = False
     if status != FINE:
         return status
-    mj.rest_of_forward(w.model, w.data, np.int32(_POSITION if changed else _VELOCITY), np.int32(0))
+    locked = locked and takes_forces(w)
+    if changed or not locked:
+        mj.rest_of_forward(w.model, w.data, np.int32(_POSITION if changed else _VELOCITY), np.int32(0))
+    if locked:  # velocities are those of M: their energy, and what sensors measure of them
+        if changed:
+            lock(w, kept)
+        mj.rest_of_forward(w.model, w.data, np.int32(_VELOCITY), np.int32(0))
     held = bounces(w) and hold_back(w, law)
     if held:
         mj.rest_of_forward(w.model, w.data, np.int32(_VELOCITY), np.int32(0))
