@@ -9,8 +9,8 @@ import pytest
 import scipy
 from laws.frictional import several_contacts
 
-from impactlaw import Collision, Coulomb, Friction, FrictionImpact, Newton, Poisson
-from impactlaw.laws.friction.groups import apart
+from impactlaw import Collision, Coulomb, Fremond, Friction, FrictionImpact, MaximalDissipation, Moreau, Newton, Poisson
+from impactlaw.laws.friction.groups import apart, ties_of
 
 
 def _collision(seed: int, rough: float) -> Collision:
@@ -100,3 +100,16 @@ def test_many_bodies_with_degrees_of_freedom_of_their_own(law: type, joined: boo
         alone = _resolved(Coulomb(law(list(e[contacts]))), part)
         np.testing.assert_allclose(impact.impulse[contacts], alone.impulse, rtol=1e-9)
         assert alone.residual < 1e-9
+
+
+def test_contacts_that_a_law_ties():
+    """They are those whose targets depend on each other: none, those of a matrix, or all that may."""
+    one, _ = _both(_collision(0, 1.0), _collision(0, 1.0))
+    h = len(one.labels)
+    for law in (MaximalDissipation(), Moreau(0.5), Newton(np.linspace(0.1, 0.9, h)), Poisson(np.linspace(0.1, 0.9, h))):
+        assert ties_of(law, one) is None
+    E = 0.5 * np.eye(h)
+    E[0, 1] = 0.1
+    ties = ties_of(Fremond(E), one)
+    assert ties is not None
+    np.testing.assert_array_equal(ties, E != 0.0)
