@@ -14,6 +14,8 @@ from impactlaw.laws.drawn.drawing import DrawnLaw
 from impactlaw.mechanics.admissible.sampling import check_number, generator_of
 from impactlaw.mechanics.collision import Collision, checked
 
+_ROUNDING = 1e-12  # part of the largest variance that is rounding
+
 
 @dataclass(frozen=True, eq=False)
 class Scattered(DrawnLaw):
@@ -50,8 +52,9 @@ class Scattered(DrawnLaw):
                 raise RestitutionError(f"a variance must be 0 or more, and finite, got {self.covariance!r}")
         else:
             C = covariance = square_matrix(self.covariance, "covariance")
-            symmetric = np.allclose(C, C.T, rtol=0, atol=1e-12 * np.abs(C).max(initial=0.0))
-            if not symmetric or np.linalg.eigvalsh(C).min(initial=0.0) < -1e-12:
+            rounding = _ROUNDING * np.abs(C).max(initial=0.0)
+            symmetric = np.allclose(C, C.T, rtol=0, atol=rounding)
+            if not symmetric or np.linalg.eigvalsh(C).min(initial=0.0) < -rounding:
                 raise RestitutionError("a covariance must be symmetric and positive semidefinite")
         object.__setattr__(self, "covariance", covariance)
 

@@ -282,3 +282,13 @@ def test_names_with_blanks_dollars_and_underscores(tmp_path):
     assert "floor/a$\\frac$b c " in format_table(table)
     table["antidissipative"] = "floor/a b; floor/c d"
     assert "floor/a b and 1 more" in format_table(table)
+
+
+def test_what_has_no_energy_to_keep_keeps_it_all(tmp_path):
+    scene = tmp_path / "still.xml"
+    scene.write_text(
+        '<mujoco><option gravity="0 0 0"/><worldbody><geom type="plane" size="1 1 1"/>'
+        '<body pos="0 0 .2"><freejoint/><geom size=".1"/></body></worldbody></mujoco>'
+    )
+    table = compare(Comparison(scene=str(scene), laws=("moreau",), duration=0.02), tmp_path)
+    assert (table["energy kept"] == 1.0).all()

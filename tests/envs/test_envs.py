@@ -120,6 +120,15 @@ def test_same_seed_same_episode_bit_for_bit(name):
 
 
 @every_env
+def test_a_step_takes_as_long_as_it_says(name):
+    env = bare(name)
+    env.reset(seed=0)
+    start = env.data.time
+    env.step(np.zeros(env.action_space.shape))
+    assert env.data.time - start == pytest.approx(env.dt, rel=1e-12)
+
+
+@every_env
 def test_random_actions(name):
     env = gymnasium.make(name)
     for observation, reward, info in rollout(env, 350):

@@ -4,6 +4,7 @@ import json
 
 import mujoco
 import numpy as np
+import pandas as pd
 import pytest
 from identification.tables import chain_rows, run_cli, table
 from matplotlib.axes import Axes
@@ -200,3 +201,11 @@ def test_an_empty_cell_of_a_recording_is_empty_in_csv_too(tmp_path):
     expected = [[1.5, -0.5], [-0.5, 0.5 + 1 / 1.5]]
     collisions, _ = read_collisions(table(tmp_path / "data.csv", rows))
     np.testing.assert_allclose(collisions[0].delassus, expected, rtol=0, atol=1e-9)
+
+
+def test_a_number_alone_is_a_list_or_a_matrix_of_one_entry(tmp_path):
+    cells = {"mass_matrix": 2.0, "jacobian": 1.0, "pre_velocity": -1.0, "post_velocity": 0.5}
+    pd.DataFrame([cells]).to_csv(tmp_path / "numbers.csv", index=False)
+    (collision,), (after,) = read_collisions(tmp_path / "numbers.csv")
+    assert (collision.mass_matrix.tolist(), collision.jacobian.tolist()) == ([[2.0]], [[1.0]])
+    assert (collision.pre_velocity.tolist(), after.tolist()) == ([-1.0], [0.5])

@@ -20,6 +20,7 @@ from impactlaw import (
     Newton,
 )
 from impactlaw.errors import UnknownNameError, UnsolvableLawError
+from impactlaw.laws.base import aim, jump_problem
 
 EXACT = {"rtol": 0, "atol": 1e-12}
 
@@ -103,6 +104,20 @@ def resolve(law_name, problem_name):
     c = PROBLEMS[problem_name]()
     law = LAWS[law_name](c)
     return law, law.resolve(c)
+
+
+@pytest.mark.parametrize("problem_name", PROBLEMS)
+def test_a_jump_that_a_law_knows_beforehand_reaches_its_target(problem_name):
+    """Another one would be found out by the certificate, at the price of a solver that needs none."""
+    c, known = PROBLEMS[problem_name](), []
+    for make in LAWS.values():
+        law = make(c)
+        problem = jump_problem(c, aim(law, c))
+        if problem.preimage is not None:
+            known.append(law)
+            bound = problem.gradients @ problem.preimage
+            np.testing.assert_allclose(bound, problem.bound, rtol=1e-9, atol=1e-12 * problem.scale)
+    assert len(known) >= 5
 
 
 @pytest.mark.parametrize(("law_name", "problem_name"), [(law, problem) for law in LAWS for problem in PROBLEMS])

@@ -8,8 +8,9 @@ from problems import launched
 from scenes import compiled
 
 from impactlaw import Collision, Friction, Stepper, make_law
-from impactlaw.errors import RestitutionError
+from impactlaw.errors import RestitutionError, UnknownNameError
 from impactlaw.laws import DESCRIPTIONS, LAWS, portable
+from impactlaw.laws.registry import takes_restitution
 
 
 def example(name):
@@ -98,3 +99,10 @@ def test_friction_is_not_lost():
     assert make_law("routh", 0.5).has_friction
     assert make_law("routh", 0.5).resolve(c).post_velocity[0] == pytest.approx(0.7)
     assert not make_law("moreau", 0.5).has_friction
+
+
+@pytest.mark.parametrize("name", ["moro", "", None, 3, ["moreau"]])
+def test_what_is_no_name_of_a_law(name):
+    for use in (make_law, takes_restitution):
+        with pytest.raises(UnknownNameError, match="law"):
+            use(name)

@@ -116,3 +116,12 @@ def test_in_every_way_to_step(options):
 def test_wrong_numbers(make, message):
     with pytest.raises(RestitutionError, match=message):
         make()
+
+
+@pytest.mark.parametrize("scale", [1e-12, 1.0, 1e6])
+def test_covariances_of_any_size_are_judged_alike(scale):
+    """Rounding leaves eigenvalues of ``A A^T`` a little below 0."""
+    A = np.random.default_rng(0).normal(size=(6, 2))
+    Scattered(Moreau(0.5), scale * A @ A.T)
+    with pytest.raises(RestitutionError, match="positive semidefinite"):
+        Scattered(Moreau(0.5), scale * np.diag([1.0, -0.1]))

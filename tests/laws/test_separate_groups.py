@@ -9,7 +9,7 @@ import pytest
 import scipy
 from laws.frictional import several_contacts
 
-from impactlaw import Collision, Coulomb, Friction, FrictionImpact, Moreau, Newton, Poisson
+from impactlaw import Collision, Coulomb, Fremond, Friction, FrictionImpact, MaximalDissipation, Moreau, Newton, Poisson
 from impactlaw.laws.friction.groups import apart, ties_of
 from impactlaw.stepping.collisions import as_closed
 
@@ -108,3 +108,16 @@ def test_contacts_of_which_some_tremble_are_tied_no_more_than_others(law):
     """What one body does with friction and restitution is judged without the other."""
     c = Collision(np.eye(4), np.eye(4)[[0, 2]], [-1.0, 0.3, -1.0, 0.2])
     assert ties_of(as_closed(law), c) is None
+
+
+def test_contacts_that_a_law_ties():
+    """They are those whose targets depend on each other: none, those of a matrix, or all that may."""
+    one, _ = _both(_collision(0, 1.0), _collision(0, 1.0))
+    h = len(one.labels)
+    for law in (MaximalDissipation(), Moreau(0.5), Newton(np.linspace(0.1, 0.9, h)), Poisson(np.linspace(0.1, 0.9, h))):
+        assert ties_of(law, one) is None
+    E = 0.5 * np.eye(h)
+    E[0, 1] = 0.1
+    ties = ties_of(Fremond(E), one)
+    assert ties is not None
+    np.testing.assert_array_equal(ties, E != 0.0)

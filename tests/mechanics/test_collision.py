@@ -169,3 +169,10 @@ def test_friction_keeps_a_copy_of_what_it_is_given():
     friction = Friction(np.eye(2), contact, [1.0, 1.0])
     contact[:] = 5
     assert friction.contact.tolist() == [0, 0]
+
+
+def test_contact_velocities_cannot_be_written_to():
+    c = Collision(np.eye(2), [[0.0, 1.0]], [1.0, -1.0], friction=Friction([[1.0, 0.0]], [0], [0.5]))
+    for values in (c.pre_contact_velocity, c.pre_sliding_velocity):
+        with pytest.raises(ValueError, match="read-only"):
+            values[0] = 0.0

@@ -6,6 +6,7 @@ from problems import LAWS, PROBLEMS, SWAPPED, balls, box, energy, launched, rod
 
 from impactlaw import Collision, Fremond, FrictionImpact, Impact, MaximalDissipation, Moreau, Newton
 from impactlaw.errors import InvalidCollisionError
+from impactlaw.mechanics.admissible.violations import Violations
 
 EXACT = {"rtol": 0, "atol": 1e-12}
 
@@ -204,3 +205,11 @@ def test_a_velocity_beyond_all_energy_is_no_small_violation():
         violations = Impact.observed(launched(3, 1), [1e200, 0.0, 0.0]).violations
     assert violations.energetic == np.inf
     assert not violations.is_admissible()
+
+
+def test_violations_in_words():
+    """Which there are and how large, to two digits; one of at most ``1e-9 |v-|`` is rounding."""
+    assert str(Violations(0.0, 0.0, 0.0, 1.0)) == "none"
+    assert str(Violations(0.5, 0.0, 0.0, 1.0)) == "kinematic 0.5"
+    assert str(Violations(1e-8, 2e-10, 2.0, 0.1)) == "kinematic 1e-08, kinetic 2e-10, energetic 2"
+    assert str(Violations(1e-8, 2e-10, 2.0, 1.0)) == "kinematic 1e-08, energetic 2"

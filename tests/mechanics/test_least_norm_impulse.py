@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+import scipy
 from certificates import least_norm_error
 from problems import box, launched, random_collision
 
 from impactlaw import Collision, Impact, MaximalDissipation, Moreau, Newton
 from impactlaw.solvers import SOLVERS
+from impactlaw.solvers.least_norm import share_impulse
 
 EXACT = {"rtol": 0, "atol": 1e-12}
 
@@ -119,3 +121,18 @@ def test_parallel_gradients_share_under_every_solver(solver):
     """Of ``Lambda_1 + 2 Lambda_2 = 1.5`` the least one is (0.3, 0.6); closed form is for one contact."""
     impact = Moreau(0.5).resolve(Collision([[1.0]], [[1.0], [2.0]], [-1.0]), solver=solver)
     np.testing.assert_allclose(impact.impulse, [0.3, 0.6], rtol=1e-6)
+
+
+def test_groups_of_sparse_contacts_share_among_themselves():
+    """Three like contacts on one body, two on another, of which one has twice the lever, and one that is alone."""
+    Y = np.array([[1.0, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, 1], [0, 2, 0], [1, 0, 0]])
+    impulse, tight = np.array([3.0, 5.0, 0.0, 7.0, 0.0, 0.0]), np.ones(6, dtype=bool)
+    shared = share_impulse(scipy.sparse.csr_array(Y), impulse, tight)
+    np.testing.assert_allclose(shared, [1, 1, 1, 7, 2, 1], atol=1e-12)
+    np.testing.assert_allclose(share_impulse(Y, impulse, tight), shared, atol=1e-12)
+    tight[5] = False
+    shared = share_impulse(scipy.sparse.csr_array(Y), impulse, tight)
+    np.testing.assert_allclose(shared, [1.5, 1, 1.5, 7, 2, 0], atol=1e-12)
+    tight[4] = False  # only the first group has something to share
+    shared = share_impulse(scipy.sparse.csr_array(Y), impulse, tight)
+    np.testing.assert_allclose(shared, [1.5, 5, 1.5, 7, 0, 0], atol=1e-12)

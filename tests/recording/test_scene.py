@@ -155,6 +155,21 @@ def test_geoms_stand_where_mujoco_has_them(kinds):
     assert checked == 11
 
 
+def test_normals_are_of_length_one_and_those_that_mujoco_shades_with(kinds):
+    model, _ = kinds
+    normals = {
+        "mesh" in group.path: numbers(group.archetype.vertex_normals, 3)
+        for group in read_geometry(model)
+        if type(group.archetype).__name__ == "Mesh3D"
+    }
+    slope = np.array([-1 / 11 / 2 * 3 / 2, -4 / 11 / 2 / 0.8, 1.0])  # heights rise by 1 / 22 m from one to the next
+    np.testing.assert_allclose(normals[False], np.tile(slope / np.linalg.norm(slope), (36, 1)), atol=1e-6)
+    (mesh,), rotation = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_MESH), np.zeros(9)
+    mujoco.mju_quat2Mat(rotation, model.geom_quat[mesh])
+    shaded = model.mesh_normal[model.mesh_facenormal.ravel()]
+    np.testing.assert_allclose(normals[True], shaded @ rotation.reshape(3, 3).T, atol=1e-6)
+
+
 def numbers(batch, width):
     values = batch.as_arrow_array()
     while hasattr(values, "flatten") and values.type.num_fields == 1:

@@ -86,3 +86,17 @@ def test_a_tip_that_hits_at_the_very_end_of_a_step_gains_no_energy_of_first_orde
         assert collisions == 1
         gains.append(energy(model, data) / start - 1.0)
     assert np.abs(gains).max() < 1e-3
+
+
+@both
+def test_what_a_moving_surface_gives_is_no_energy_from_nowhere(compiled_steps):
+    """A plate at 1 m/s hits a body at rest that spins fast, which leaves at 1.5 m/s and spins on."""
+    body = f'<inertial mass="1" pos="0 0 0" diaginertia="{" ".join(map(str, UNEVEN))}"/><geom size=".1"/>'
+    plate = '<body mocap="true"><geom type="box" size=".1 1 1"/></body>'
+    model, data = compiled(f"{plate}<body><freejoint/>{body}</body>", option=OPTION, geom='condim="1"')
+    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled_steps)
+    data.qvel[5] = 400.0
+    for step in range(60):
+        data.mocap_pos[0, 0] = -0.3 + step * model.opt.timestep
+        stepper.step(data)
+    np.testing.assert_allclose(data.qvel, (1.5, 0.0, 0.0, 0.0, 0.0, 400.0), atol=1e-8)
