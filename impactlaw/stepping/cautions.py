@@ -14,6 +14,7 @@ from impactlaw.errors import HeldJointsWarning
 from impactlaw.scene.contacts import geom_names
 
 _DEEP = 1e-3  # m; what overlaps less is mostly opened
+_LEVER = 1e-3  # m, and m/m; gradient of a gap, below which what pushes at it moves no joint
 _FEW = 2  # degrees of freedom between two links up to which a motion that opens them may be none
 _NAMED = 3  # that a line names
 _FIXED, _AFFINE = int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtBias.mjBIAS_AFFINE)
@@ -39,11 +40,18 @@ def _overlaps(model: mujoco.MjModel) -> Iterator[str]:
     if model.nkey:
         mujoco.mj_resetDataKeyframe(model, data, 0)
     mujoco.mj_kinematics(model, data)
-    mujoco.mj_collision(model, data)
+    mujoco.mj_comPos(model, data)
+    try:
+        mujoco.mj_collision(model, data)
+    except mujoco.FatalError:  # no memory for so many contacts, which steps tell
+        return
     deepest: dict[tuple[int, int], float] = {}
     for contact in data.contact:
         one, other = map(int, contact.geom)
-        if contact.dist < -_DEEP and min(one, other) >= 0 and _are_linked(model, *model.geom_bodyid[[one, other]]):
+        if contact.dist >= -_DEEP or min(one, other) < 0:
+            continue
+        bodies = model.geom_bodyid[[one, other]]
+        if _are_linked(model, *bodies) and _turns(model, data, contact, *bodies):
             deepest[one, other] = max(deepest.get((one, other), 0.0), -contact.dist)
     if deepest:
         names, pairs = geom_names(model), sorted(deepest, key=lambda pair: -deepest[pair])
@@ -63,6 +71,14 @@ def _are_linked(model: mujoco.MjModel, one: int, other: int) -> bool:
         count += int(model.body_dofnum[max(one, other)])
         one, other = min(one, other), int(model.body_parentid[max(one, other)])
     return 1 <= count <= _FEW
+
+
+def _turns(model: mujoco.MjModel, data: mujoco.MjData, contact: Any, one: int, other: int) -> bool:
+    """Return whether a joint can push at a contact: not one in whose axis or centre limbs overlap that it joins."""
+    jacobian = np.zeros((2, 3, model.nv))
+    for body, rows in zip((one, other), jacobian, strict=True):
+        mujoco.mj_jac(model, data, rows, None, contact.pos, body)
+    return bool(np.abs(contact.frame[:3] @ (jacobian[1] - jacobian[0])).max() > _LEVER)
 
 
 def _weak_servos(model: mujoco.MjModel) -> Iterator[str]:

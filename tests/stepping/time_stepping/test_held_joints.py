@@ -11,7 +11,7 @@ from impactlaw.errors import HeldJointsWarning
 from impactlaw.stepping.cautions import cautions
 
 FINGER = """<body name="palm" pos="0 0 1"><geom name="palm" type="box" size=".1 .1 .05" mass="1"/>
-  <body pos="0 0 .06"><body name="tip" pos="0 0 {shift}"><joint name="finger" type="slide" axis="1 0 0" {joint}/>
+  <body pos="0 0 .06"><body name="tip" pos="0 0 {shift}"><joint name="finger" type="slide" axis="1 0 .1" {joint}/>
     <geom name="finger" type="box" size=".01 .01 .03" mass=".1"/></body></body></body>"""
 
 
@@ -99,3 +99,11 @@ def test_the_plan_tells_it(monkeypatch, capsys, tmp_path):
         main()
         lines = capsys.readouterr().out.splitlines()
         assert lines[-1].startswith("caution   links of one mechanism overlap: palm/finger by 20 mm") == told
+
+
+def test_limbs_that_overlap_where_they_are_joined_are_not_told():
+    """What pushes at the centre of a joint does not move it."""
+    limb = '<geom type="capsule" size=".02" fromto="0 0 0 {} 0 .2" mass="1"/>'
+    first, second = (f'<body><joint axis="0 1 0"/>{limb.format(x)}</body>' for x in (0.2, -0.2))
+    model, _ = compiled(f'<body><freejoint/><geom size=".02" mass="1"/>{first}{second}</body>')
+    assert cautions(model) == ()
