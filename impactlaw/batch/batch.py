@@ -63,6 +63,9 @@ class Batch:
         RestitutionError: as by `set_law`.
         OptionError: a number of worlds or threads, or a speed, that cannot be.
         UnknownNameError: an option has no such value, or a law is none.
+
+    Warns:
+        HeldJointsWarning: as of `Stepper` (rigid).
     """
 
     model, nsim, contact_model = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)

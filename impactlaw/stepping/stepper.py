@@ -99,6 +99,10 @@ class Stepper:
             have, or for other velocities, or for friction where there is none.
         UnknownNameError: no such option, or the law is keyed by contacts that the scene cannot have.
         OptionError: rest_speed is not a speed, gap_tolerance no length, max_events no count, or contacts no patterns.
+
+    Warns:
+        HeldJointsWarning: time stepping may hold joints still: links overlap, or dry friction holds servos.
+        UnreadSensorsWarning: event-driven steps leave sensors of contact without forces.
     """
 
     model, plan = Settled(_ANEW), Settled(_ANEW)

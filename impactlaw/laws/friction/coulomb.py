@@ -113,7 +113,8 @@ class Coulomb(Law):
         Raises:
             UnknownNameError: no such solver.
             UnsolvableLawError: surfaces move against each other so that no velocity is left.
-            SolverError: no answer passed its certificate, or coefficients of friction are too large (from 1e7 on).
+            SolverError: no answer passed its certificate, or coefficients of friction, of some 1e7 or more, hide gap
+                velocities.
         """
         check_solver(solver)
         collision = checked(collision).without_idle_friction

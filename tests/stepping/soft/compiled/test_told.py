@@ -72,15 +72,22 @@ def test_a_callback_that_is_set_after_a_collision_lets_nothing_be_told_once_more
     assert stepper.short_steps == stepper.unlocated == 0
 
 
-def test_events_of_damped_joints_are_told_from_the_state_alone():
-    """What damping adds to M in a collision must not depend on the steps before: data of the step once more is new."""
-    model = suite.load("humanoid", "stand").physics.model.ptr
+def driven(domain, task, steps):
+    """Yield the stepper after each step of one of dm_control's robots under random controls."""
+    model = suite.load(domain, task).physics.model.ptr
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
-    stepper, told = Stepper(model, Moreau(0.5), contact_model="soft"), 0
-    for k in range(200):
+    stepper = Stepper(model, Moreau(0.5), contact_model="soft")
+    for k in range(steps):
         if k % 10 == 0:
             data.ctrl[:] = np.clip(data.ctrl + 0.1 * rng.normal(size=model.nu), -1, 1)
         stepper.step(data)
+        yield stepper
+
+
+def test_events_of_damped_joints_are_told_from_the_state_alone():
+    """What damping adds to M in a collision must not depend on the steps before: data of the step once more is new."""
+    told = 0
+    for stepper in driven("humanoid", "stand", 200):
         assert len(stepper.events) == stepper.sums.collisions
         told += len(stepper.events)
     assert told > 20
@@ -88,16 +95,10 @@ def test_events_of_damped_joints_are_told_from_the_state_alone():
 
 def test_another_solution_in_python_is_told_and_not_taken_for_a_changed_model():
     """A quadruped that falls over its own legs: of eight collisions in one step, Python scales all of one more."""
-    model = suite.load("quadruped", "walk").physics.model.ptr
-    data, rng = mujoco.MjData(model), np.random.default_rng(0)
-    stepper, others = Stepper(model, Moreau(0.5), contact_model="soft"), 0
-    for k in range(490):
-        if k % 10 == 0:
-            data.ctrl[:] = np.clip(data.ctrl + 0.1 * rng.normal(size=model.nu), -1, 1)
-        stepper.step(data)
-        events = stepper.events
-        assert bool(events) == bool(stepper.sums.collisions)
-        others += len(events) != stepper.sums.collisions
+    others = 0
+    for stepper in driven("quadruped", "walk", 490):
+        assert bool(stepper.events) == bool(stepper.sums.collisions)
+        others += len(stepper.events) != stepper.sums.collisions
     assert others <= 1
 
 
