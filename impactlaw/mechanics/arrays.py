@@ -57,17 +57,12 @@ def finite_sparse(values: Any, name: str) -> Any:
         array.data = real_array(array.data)
     except (TypeError, ValueError) as error:
         raise InvalidCollisionError(f"{name} is not a matrix of numbers: {error}") from None
-    if array.ndim != 2:
-        raise InvalidCollisionError(f"{name} must be a matrix, got shape {array.shape}")
     array.sum_duplicates()
     if not np.isfinite(array.data).all():
         raise InvalidCollisionError(f"{name} has entries that are not finite")
     array.eliminate_zeros()
-    array.data, array.indices, array.indptr = (part.copy() if part.base is not None else part for part in _parts(array))
-    for part in _parts(array):
+    for name in ("data", "indices", "indptr"):
+        part = getattr(array, name).copy()
         part.flags.writeable = False
+        setattr(array, name, part)
     return array
-
-
-def _parts(array: Any) -> tuple[np.ndarray, ...]:
-    return array.data, array.indices, array.indptr

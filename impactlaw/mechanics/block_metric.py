@@ -9,8 +9,7 @@ import scipy
 
 from impactlaw.errors import InvalidCollisionError
 from impactlaw.mechanics.arrays import finite_sparse
-from impactlaw.mechanics.kinetic_metric import KineticMetric
-from impactlaw.mechanics.tolerances import SYMMETRY
+from impactlaw.mechanics.kinetic_metric import KineticMetric, check_symmetry
 
 LARGEST_BLOCK = 500
 """Most degrees of freedom that may be coupled with each other; the factor of such a block is a dense matrix."""
@@ -23,20 +22,11 @@ class SparseMetric(KineticMetric):
     most `LARGEST_BLOCK` of them: else `InvalidCollisionError`.
     """
 
+    _matrix = staticmethod(finite_sparse)
     _inverse: Any
 
-    def _take(self, mass_matrix: Any) -> Any:
-        return finite_sparse(mass_matrix, "mass_matrix")
-
     def _factorize(self, M: Any) -> Any:
-        difference, scale = (M - M.T).tocoo(), np.sqrt(M.diagonal())
-        wrong = np.abs(difference.data) > SYMMETRY * scale[difference.row] * scale[difference.col]
-        if wrong.any():
-            k = int(np.argmax(np.where(wrong, np.abs(difference.data), 0.0)))
-            raise InvalidCollisionError(
-                f"mass_matrix is not symmetric: ({difference.row[k]}, {difference.col[k]}) and its mirror differ by "
-                f"{difference.data[k]:.3g}"
-            )
+        check_symmetry(M)
         R, self._inverse = _factors(M)
         return R.T
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from impactlaw.errors import InvalidCollisionError, SolverError
-from impactlaw.mechanics.arrays import finite_array, finite_sparse, is_sparse, of_shape, real_array
+from impactlaw.mechanics.arrays import finite_array, finite_sparse, is_sparse, of_shape
 from impactlaw.mechanics.bilateral import Bilateral, Reached, velocity_with
 from impactlaw.mechanics.block_metric import SparseMetric
 from impactlaw.mechanics.friction import ConeRows, Friction
@@ -251,20 +251,12 @@ class Collision:
         )
 
     def velocity(self, values: ArrayLike, name: str) -> np.ndarray:
-        """Return a copy of a velocity of the bodies, shape (nv,).
+        """Return a read-only copy of a velocity of the bodies, shape (nv,).
 
         Raises:
             InvalidCollisionError: it has the wrong shape or entries that are not finite; name is what it is.
         """
-        try:
-            v = real_array(values)
-        except (TypeError, ValueError):
-            v = np.zeros(0)
-        if v.shape != self.pre_velocity.shape or not np.isfinite(v).all():
-            raise InvalidCollisionError(
-                f"{name} must be finite with shape {self.pre_velocity.shape}, got {values!r:.200}"
-            )
-        return v
+        return finite_array(values, name, self.pre_velocity.shape, " like pre_velocity")
 
     def contact_velocity_after(self, velocity: np.ndarray) -> np.ndarray:
         """Return ``J v + w+``, shape (h,), m/s, for a velocity after the impact, shape (nv,)."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -46,14 +47,11 @@ class FrictionImpact(Impact):
         impulse: np.ndarray,
         jump: np.ndarray,
         targets: tuple[np.ndarray, np.ndarray] | None = None,
-        *,
-        scale: float = 1.0,
-        exact: bool = True,
-        problem: ConeProblem | None = None,
+        **more: Any,
     ) -> FrictionImpact:
         """Return the impact of an impulse of the cone problem, (h + k,), and its jump ``R^T (v+ - v-)``, (nv,).
 
-        The targets are the normal and the sliding velocities aimed at; scale is `restitution_scale`, problem `cones`.
+        The targets are the normal and the sliding velocities aimed at; more are other attributes.
         """
         friction, h = _friction(collision), len(collision.labels)
         parts = np.empty(len(impulse))
@@ -66,9 +64,7 @@ class FrictionImpact(Impact):
             normal,
             friction_impulse=parts[h:] * friction.coefficient,
             target_sliding_velocity=sliding,
-            restitution_scale=scale,
-            exact=exact,
-            cones=problem,
+            **more,
         )
 
     @classmethod
@@ -146,7 +142,7 @@ class FrictionImpact(Impact):
         The speed is that at which moving surfaces slide, where that is larger than ``|v-|``.
         """
         speed = max(self.collision.pre_speed, self._problem.scale)
-        return max(self._cone_imbalance, self._outside), self.work_after_jump, speed
+        return self._cone_error, self.work_after_jump, speed
 
     @cached_property
     def residual(self) -> float:
@@ -157,11 +153,12 @@ class FrictionImpact(Impact):
         relaxation has no ``|u_t|`` there).
         """
         problem, friction = self._problem, _friction(self.collision)
-        error = max(self._cone_imbalance, self._outside)
+        error = self._cone_error
         if self.target_contact_velocity is not None and self.target_sliding_velocity is not None:
             normal = self.post_contact_velocity - self.target_contact_velocity
             sliding = friction.coefficient * (self.post_sliding_velocity - self.target_sliding_velocity)
-            u = self._scaled(normal, sliding) / problem.lengths[:, None] ** 2
+            by_contact = np.concatenate([normal, sliding])[self.collision.cone_rows.order]
+            u = problem.scaled(by_contact) / problem.lengths[:, None] ** 2
             error = max(error, problem.residual(self._scaled_impulse, u))
         speed = max(self._speed, problem.scale)
         return error / speed if speed > 0 else error
@@ -173,21 +170,15 @@ class FrictionImpact(Impact):
 
     @cached_property
     def _scaled_impulse(self) -> np.ndarray:
-        return self._scaled(self.impulse, self.friction_impulse / _friction(self.collision).coefficient)
-
-    def _scaled(self, normal: np.ndarray, along: np.ndarray) -> np.ndarray:
-        return self._problem.scaled(np.concatenate([normal, along])[self.collision.cone_rows.order])
+        return self._problem.scaled(self.cone_impulse)
 
     @property
-    def _outside(self) -> float:
-        """Distance of the impulses from the friction cones, sqrt(J)."""
-        return float(np.linalg.norm(self._scaled_impulse - project(self._scaled_impulse)))
-
-    @property
-    def _cone_imbalance(self) -> float:
+    def _cone_error(self) -> float:
+        """The larger of the distances of impulses from their cones, and of the jump from what they make, sqrt(J)."""
         x = self._scaled_impulse
         gap = float(np.linalg.norm(self.whitened_jump - x.reshape(-1) @ self._problem.rows))
-        return beyond_rounding(gap, float(np.abs(x).sum()), self._speed)
+        imbalance = beyond_rounding(gap, float(np.abs(x).sum()), self._speed)
+        return max(imbalance, float(np.linalg.norm(x - project(x))))
 
 
 def cone_gradients(collision: Collision) -> np.ndarray:

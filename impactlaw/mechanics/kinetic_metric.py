@@ -32,8 +32,10 @@ class KineticMetric:
         InvalidCollisionError: not square, not finite, not symmetric or not positive definite.
     """
 
+    _matrix: Any = staticmethod(finite_array)
+
     def __init__(self, mass_matrix: ArrayLike):
-        M = self._take(mass_matrix)
+        M = self._matrix(mass_matrix, "mass_matrix")
         if M.ndim != 2 or M.shape[0] != M.shape[1] or M.shape[0] == 0:
             raise InvalidCollisionError(f"mass_matrix must be square and not empty, got shape {M.shape}")
         diagonal = M.diagonal()
@@ -43,19 +45,12 @@ class KineticMetric:
         is_diagonal = (np.count_nonzero(M) if isinstance(M, np.ndarray) else M.nnz) == M.shape[0]
         self.mass_matrix = M
         self._scale = np.sqrt(diagonal) if is_diagonal else None
-        self._factor: Any = None if is_diagonal else self._factorize(M)  # R^T
-
-    def _take(self, mass_matrix: Any) -> Any:
-        return finite_array(mass_matrix, "mass_matrix")
+        self._factor: Any = None if is_diagonal else self._factorize(M)
 
     def _factorize(self, M: Any) -> Any:
-        scale = np.sqrt(M.diagonal())
-        if not np.array_equal(M, M.T) and (np.abs(M - M.T) > SYMMETRY * np.outer(scale, scale)).any():
-            i, j = np.unravel_index(np.argmax(np.abs(M - M.T)), M.shape)
-            difference = M[i, j] - M[j, i]
-            raise InvalidCollisionError(
-                f"mass_matrix is not symmetric: ({i}, {j}) and its mirror differ by {difference:.3g}"
-            )
+        """Return ``R^T``."""
+        if not np.array_equal(M, M.T):
+            check_symmetry(M)
         factor, failed = scipy.linalg.lapack.dpotrf(M, lower=1)
         if failed:
             raise InvalidCollisionError(f"mass_matrix is not positive definite (leading minor {failed})")
@@ -83,6 +78,18 @@ class KineticMetric:
         """Return ``sqrt(v^T M v)``."""
         z = self.whiten(velocity)
         return sqrt(z @ z)
+
+
+def check_symmetry(M: Any) -> None:
+    """Refuse a mass matrix, also a sparse one, that is not symmetric but for rounding."""
+    difference, scale = scipy.sparse.coo_array(M - M.T), np.sqrt(M.diagonal())
+    i, j = difference.coords
+    wrong = np.flatnonzero(np.abs(difference.data) > SYMMETRY * scale[i] * scale[j])
+    if len(wrong):
+        k = wrong[np.argmax(np.abs(difference.data[wrong]))]
+        raise InvalidCollisionError(
+            f"mass_matrix is not symmetric: ({i[k]}, {j[k]}) and its mirror differ by {difference.data[k]:.3g}"
+        )
 
 
 def _solve(factor: np.ndarray, rows: np.ndarray, *, transposed: int) -> np.ndarray:

@@ -47,7 +47,7 @@ def beyond_rounding(gap: float, impulses: float, speed: float) -> float:
 
 def judge(problem: Problem, impulse: np.ndarray, jump: np.ndarray | None = None) -> Answer:
     """Measure how far an impulse, and a jump where one was computed apart from it, are from the law."""
-    made = problem.transposed @ impulse if problem.is_sparse else impulse @ problem.gradients
+    made = impulse @ problem.gradients
     z = made if jump is None else jump
     slack, scaled = problem.slack(z), impulse * problem.lengths
     residual = scipy.linalg.blas.dnrm2(np.minimum(scaled, slack))

@@ -36,12 +36,9 @@ def farkas_ray(problem: Problem) -> np.ndarray | None:
 
 
 def _vanishing(Y: np.ndarray, c: np.ndarray, support: np.ndarray) -> np.ndarray:
-    """Return the combination of these gradients that vanishes (NNLS leaves one at most); zeros if it is no ray."""
+    """Return the combination of these gradients that vanishes (NNLS leaves one at most), its positive part alone."""
     ray = np.zeros(len(c))
-    if support.any():
-        nu = scipy.linalg.svd(Y[support].T, check_finite=False)[2][-1]
-        nu = nu if nu @ c[support] > 0 else -nu
-        nu[np.abs(nu) < NO_IMPULSE * np.abs(nu).max()] = 0.0
-        if nu.min() >= 0:
-            ray[support] = nu
+    nu = scipy.linalg.svd(Y[support].T, check_finite=False)[2][-1]
+    ray[support] = np.maximum(nu if nu @ c[support] > 0 else -nu, 0.0)
+    ray[ray < NO_IMPULSE * ray.max()] = 0.0
     return ray

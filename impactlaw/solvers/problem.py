@@ -53,17 +53,12 @@ class Problem:
         return max(self.speed, float(reach))
 
     @cached_property
-    def transposed(self) -> Any:
-        """``Y^T``, in the form of Y; that of a CSR array is made once."""
-        return self.gradients.T
-
-    @cached_property
     def unit(self) -> tuple[Any, np.ndarray]:
         """``Y_i / |Y_i|``, in the form of Y, and ``c_i / |Y_i|``: the same problem with rows of unit length."""
         if not self.is_sparse:
             return self.gradients / self.lengths[:, None], self.bound / self.lengths
         Y = self.gradients
-        data = Y.data / self.lengths[row_numbers(Y)]
+        data = Y.data / np.repeat(self.lengths, np.diff(Y.indptr))
         return scipy.sparse.csr_array((data, Y.indices, Y.indptr), shape=Y.shape), self.bound / self.lengths
 
     def allows(self, residual: float, tolerance: float) -> bool:
@@ -89,18 +84,7 @@ def row_lengths(gradients: Any) -> np.ndarray:
     """Return the lengths of the rows of an array or a CSR array, (h,)."""
     if isinstance(gradients, np.ndarray):
         return np.sqrt(np.vecdot(gradients, gradients))
-    squares = gradients.data * gradients.data
-    return np.sqrt(np.bincount(row_numbers(gradients), weights=squares, minlength=gradients.shape[0]))
-
-
-def row_numbers(gradients: Any) -> np.ndarray:
-    """Return the row of each entry of a CSR array, (entries,)."""
-    return np.repeat(np.arange(gradients.shape[0]), np.diff(gradients.indptr))
-
-
-def sparse(gradients: Any) -> Any:
-    """Return the gradients as a CSR array."""
-    return gradients if not isinstance(gradients, np.ndarray) else scipy.sparse.csr_array(gradients)
+    return np.sqrt((gradients * gradients).sum(axis=1))
 
 
 class Status(StrEnum):

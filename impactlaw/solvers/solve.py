@@ -20,8 +20,8 @@ from impactlaw.solvers.methods.osqp import osqp
 from impactlaw.solvers.methods.primal_dual_active_set import primal_dual_active_set
 from impactlaw.solvers.methods.projected_gauss_seidel import projected_gauss_seidel
 from impactlaw.solvers.one_thread import one_thread
-from impactlaw.solvers.problem import Problem, Solution, Solver, Status, sparse
-from impactlaw.solvers.sparsity import as_dense, groups, has_structure
+from impactlaw.solvers.problem import Problem, Solution, Solver, Status
+from impactlaw.solvers.sparsity import as_dense, groups, structured
 from impactlaw.solvers.tolerances import CERTIFIED, GOOD, GOOD_LARGE, RANK, TIGHT
 
 SOLVERS: dict[str, Solver] = {
@@ -36,8 +36,6 @@ SOLVERS: dict[str, Solver] = {
 """The registry: a new solver is one file and one line here."""
 
 _ITERATIVE = {"osqp", "projected-gauss-seidel"}
-_DEPENDENT = {"primal-dual-active-set", *_ITERATIVE}
-"""Solvers whose contacts that carry an impulse can depend on each other."""
 _TAKE_SPARSE = {"primal-dual-active-set", *_ITERATIVE}
 _MANY = 64  # contacts from which linear algebra starts threads where it may
 
@@ -102,8 +100,7 @@ def _solve(problem: Problem, labels: tuple[str, ...], solver: str, *, shared: bo
     if not problem.can_move:
         return _solve_moving(problem, labels, solver)
     if solver == "auto":
-        if has_structure(problem):
-            problem = problem.with_gradients(sparse(problem.gradients))
+        problem = structured(problem)
         answer = None if problem.is_sparse else judge_active(problem, slice(None))
         if answer is not None and problem.allows(answer.residual, GOOD):
             return share(problem, answer) if shared else answer
@@ -113,7 +110,7 @@ def _solve(problem: Problem, labels: tuple[str, ...], solver: str, *, shared: bo
     if not _certified(problem, answer):
         if solver == "auto":  # a problem that no solver solves may be made of rounding errors: then no impulse is right
             answer = better(answer, judge(problem, np.zeros_like(problem.bound)))
-        if answer is None or not _certified(problem, answer):
+        if not _certified(problem, answer):
             _refuse(problem, labels)
             reached = "no answer" if answer is None else f"relative residual {answer.residual / problem.scale:.1e}"
             if solver in _ITERATIVE and last is not None:
@@ -123,7 +120,7 @@ def _solve(problem: Problem, labels: tuple[str, ...], solver: str, *, shared: bo
                 "try another solver, or check the scene for contacts of very different scale, or opposite to each other"
             )
     assert answer is not None
-    return share(problem, answer, independent=solver not in _DEPENDENT) if shared else answer
+    return share(problem, answer) if shared else answer
 
 
 def nonnegative_combination(gradients: np.ndarray, point: np.ndarray, *, shared: bool = True) -> np.ndarray:
@@ -220,16 +217,10 @@ def _refuse(problem: Problem, labels: tuple[str, ...]) -> None:
         raise UnsolvableLawError([labels[i] for i in np.flatnonzero(ray)], ray)
 
 
-def share(problem: Problem, answer: Answer, *, independent: bool = False) -> Answer:
+def share(problem: Problem, answer: Answer) -> Answer:
     """Share the impulse among redundant contacts (least norm), unless that costs digits of the certificate.
 
-    Where contacts that carry an impulse are independent, to which most active-set solvers see, nothing is to share
-    unless one more contact is tight.
-
-    Args:
-        problem: what was solved.
-        answer: its answer.
-        independent: whether these contacts are known to be.
+    Where contacts that carry an impulse are independent, nothing is to share unless one more contact is tight.
     """
     impulse = answer.impulse
     if not problem.can_move or not impulse.any():  # `_solve_moving` has shared it
@@ -237,10 +228,9 @@ def share(problem: Problem, answer: Answer, *, independent: bool = False) -> Ans
     tight = answer.slack <= TIGHT * problem.scale
     if not problem.is_sparse:
         alone = np.count_nonzero(tight) <= np.count_nonzero(impulse)
-        if alone and (independent or judge_active(problem, impulse > 0) is not None):
+        if alone and judge_active(problem, impulse > 0) is not None:
             return answer
-        if has_structure(problem):
-            problem = problem.with_gradients(sparse(problem.gradients))
+        problem = structured(problem)
     least = share_impulse(problem.gradients, impulse, tight | (impulse > 0))
     if least is impulse:
         return answer

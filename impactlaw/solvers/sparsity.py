@@ -14,12 +14,12 @@ MOST_DENSE = 8_000_000
 """Entries up to which a CSR array is turned into an array for solvers that need one."""
 
 
-def has_structure(problem: Problem) -> bool:
-    """Whether the gradients are a large array of mostly zeros."""
-    if len(problem.bound) < _SPARSE_CONTACTS or problem.is_sparse:
-        return False
+def structured(problem: Problem) -> Problem:
+    """Return the problem, its gradients as a CSR array where they are a large array of mostly zeros."""
     Y = problem.gradients
-    return np.count_nonzero(Y) <= _FILLED * Y.size
+    if len(problem.bound) < _SPARSE_CONTACTS or problem.is_sparse or np.count_nonzero(Y) > _FILLED * Y.size:
+        return problem
+    return problem.with_gradients(scipy.sparse.csr_array(Y))
 
 
 def groups(problem: Problem) -> list[np.ndarray]:

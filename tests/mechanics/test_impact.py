@@ -164,9 +164,17 @@ def test_hand_made_impulses_that_pull_are_measured_against_those_that_push():
     assert impact.induced_impulse == pytest.approx(0.75, abs=1e-15)
 
 
-@pytest.mark.parametrize("velocity", [[1.0, 0.0], [[1.0, 0.0, 0.0]], [1.0, np.nan, 0.0], [1.0, 0.0, np.inf]])
-def test_what_is_not_an_outcome(velocity):
-    with pytest.raises(InvalidCollisionError, match=r"post_velocity must be finite with shape \(3,\)"):
+@pytest.mark.parametrize(
+    ("velocity", "message"),
+    [
+        ([1.0, 0.0], r"must have shape \(3,\) like pre_velocity, got \(2,\)"),
+        ([[1.0, 0.0, 0.0]], r"must have shape \(3,\) like pre_velocity, got \(1, 3\)"),
+        ([1.0, np.nan, 0.0], "has entries that are not finite"),
+        ([1.0, 0.0, np.inf], "has entries that are not finite"),
+    ],
+)
+def test_what_is_not_an_outcome(velocity, message):
+    with pytest.raises(InvalidCollisionError, match=f"post_velocity {message}"):
         Impact.observed(launched(3, 1), velocity)
 
 

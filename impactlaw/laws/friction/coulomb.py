@@ -169,5 +169,5 @@ class _Aimed(Attempt):
         answer = self.solved(problem, near)
         if problem.is_redundant or self.shares:
             answer = shared(problem, answer)
-        kept = {"scale": s, "exact": self.exact, "problem": problem}
+        kept = {"restitution_scale": s, "exact": self.exact, "cones": problem}
         return Outcome(FrictionImpact.of_cones(c, answer.impulse, answer.jump, targets, **kept), answer)

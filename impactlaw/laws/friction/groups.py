@@ -13,7 +13,7 @@ from impactlaw.laws.compliant import Compliant
 from impactlaw.laws.restitution.coefficients import ContactCoefficients
 from impactlaw.laws.tolerances import INFLUENCE
 from impactlaw.mechanics.collision import Collision
-from impactlaw.mechanics.friction_impact import FrictionImpact, cone_gradients, cone_problem
+from impactlaw.mechanics.friction_impact import FrictionImpact, cone_gradients
 from impactlaw.mechanics.kinetic_metric import KineticMetric
 from impactlaw.solvers.friction.problem import ConeProblem
 from impactlaw.solvers.sparsity import components
@@ -101,8 +101,6 @@ def joined(collision: Collision, parts: Sequence[tuple[np.ndarray, FrictionImpac
         target[contacts] = impact.target_contact_velocity[own]
         sliding[rows] = impact.target_sliding_velocity[rubs]
     impulse = np.concatenate([normal, along / friction.coefficient])[collision.cone_rows.order]
-    jump, scale = impulse @ cone_gradients(collision), min(impact.restitution_scale for _, impact in parts)
-    targets = (target, sliding) if aimed else None
-    exact, known = parts[0][1].exact, all(impact.cones is not None for _, impact in parts)
-    problem = cone_problem(collision, exact=exact) if known else None
-    return FrictionImpact.of_cones(collision, impulse, jump, targets, scale=scale, exact=exact, problem=problem)
+    jump, targets = impulse @ cone_gradients(collision), (target, sliding) if aimed else None
+    more = {"restitution_scale": min(impact.restitution_scale for _, impact in parts), "exact": parts[0][1].exact}
+    return FrictionImpact.of_cones(collision, impulse, jump, targets, **more)

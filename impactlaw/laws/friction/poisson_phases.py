@@ -53,7 +53,7 @@ class TwoPhases(Attempt):
             more = answer.impulse
         impulse = self._unit_impulse * (self._compression.impulse + kick + more)
         jump, answer = impulse @ self._unrounded, answer._replace(residual=answer.residual * self._unit_speed)
-        impact = FrictionImpact.of_cones(self.collision, impulse, jump, scale=s, exact=self.exact)
+        impact = FrictionImpact.of_cones(self.collision, impulse, jump, restitution_scale=s, exact=self.exact)
         if impact.residual > CERTIFIED:
             raise SolverError(
                 f"masses or coefficients of friction of contacts {', '.join(self.collision.labels)} are too different: "

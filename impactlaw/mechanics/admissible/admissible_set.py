@@ -17,6 +17,7 @@ from impactlaw.mechanics.admissible.sampling import check_number, generator_of, 
 from impactlaw.mechanics.admissible.violations import measured, pushed
 from impactlaw.mechanics.tolerances import POINT, SET_CERTIFIED, SET_RANK, TIGHT
 from impactlaw.solvers import nonnegative_combination
+from impactlaw.solvers.least_squares import row_span
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +90,7 @@ class AdmissibleSet:
     def support(self, direction: ArrayLike) -> float:
         """Return ``max <u, v> = u^T M v`` over v in S, for a direction u, (nv,), of any length."""
         c = self.collision
-        u = c.metric.whiten(self.collision.velocity(direction, "direction"))
+        u = c.metric.whiten(c.velocity(direction, "direction"))
         start = float(u @ c.whitened_velocity)
         along = self._basis @ u
         length = float(np.linalg.norm(along))
@@ -151,8 +152,7 @@ class AdmissibleSet:
     @cached_property
     def _basis(self) -> np.ndarray:
         """Orthonormal rows that span the gradients, shape (r, nv)."""
-        _, s, V = np.linalg.svd(self._unit_gradients, full_matrices=False)
-        return V[s > SET_RANK * s.max(initial=0.0)]
+        return row_span(self._unit_gradients, SET_RANK)[0]
 
     @cached_property
     def _body(self) -> CappedPolyhedron | None:

@@ -12,6 +12,7 @@ from impactlaw.errors import SolverError
 from impactlaw.mechanics.admissible.cone import EnumerationError
 from impactlaw.mechanics.tolerances import NEAR, SET_RANK, SET_ROUNDING, TIGHT, VANISHING
 from impactlaw.solvers import nonnegative_combination
+from impactlaw.solvers.least_squares import row_span
 
 MAX_FACES = 100_000
 """Most sets of constraints that `CappedPolyhedron.farthest` looks at."""
@@ -79,9 +80,8 @@ class CappedPolyhedron:
                 count = sum(comb(len(met), k) for k in range(r + 1))
             if count > MAX_FACES:
                 raise EnumerationError(f"the farthest point of a set in {r} dimensions with more than {count} faces")
-        best = self.inside
-        points = np.vstack([self._stationary(np.array([*combinations(met, k)], dtype=int)) for k in range(1, r + 1)])
-        points = np.vstack([points, 2.0 * self.center])
+        best, sizes = self.inside, range(1, min(r, len(met)) + 1)
+        points = np.vstack([2.0 * self.center, *(self._stationary(np.array([*combinations(met, k)])) for k in sizes)])
         points = points[self.has(points, NEAR)]
         for x in points[np.argsort(-np.linalg.norm(points, axis=1))]:
             if np.linalg.norm(x) <= (1.0 + TIGHT) * np.linalg.norm(best):
@@ -91,8 +91,6 @@ class CappedPolyhedron:
 
     def _stationary(self, rows: np.ndarray) -> np.ndarray:
         """On each flat ``A[rows] x = b[rows]``: the point nearest to 0, and on the sphere the extremes of |x|."""
-        if len(rows) == 0:
-            return np.zeros((0, len(self.center)))
         A, b = self.normals[rows], self.offsets[rows]
         inverse = np.linalg.pinv(A, rcond=SET_RANK)
 
@@ -189,14 +187,12 @@ class _Flat:
     """The affine subspace ``{x : A x = b}``, for unit rows A."""
 
     def __init__(self, A: np.ndarray, b: np.ndarray):
-        U, s, V = np.linalg.svd(A, full_matrices=False)
-        keep = s > SET_RANK * s.max(initial=0.0)
-        self.A, self.b, self.rows = A, b, V[keep]
-        self.inverse = V[keep].T @ (U[:, keep] / s[keep]).T
+        self.A, self.b = A, b
+        self.rows, self.combination = row_span(A, SET_RANK)
 
     def onto(self, x: np.ndarray) -> np.ndarray:
         """Return the nearest point of the flat."""
-        return x + self.inverse @ (self.b - self.A @ x)
+        return x + self.combination @ (self.b - self.A @ x) @ self.rows
 
     def within(self, v: np.ndarray) -> np.ndarray:
         """Return the part of a vector along the flat, zero where it is rounding."""

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 import scipy
 
-from impactlaw.solvers.problem import Problem, sparse
+from impactlaw.solvers.problem import Problem
 
 _MOST = 4e7
 """Largest number of stored entries of the band; a factor of that size takes some seconds."""
@@ -22,7 +22,7 @@ class BandedDelassus:
     """
 
     def __init__(self, problem: Problem):
-        U = sparse(problem.unit[0])
+        U = scipy.sparse.csr_array(problem.unit[0])
         h = U.shape[0]
         G = self._delassus = U @ U.T
         self.order = np.arange(h)

@@ -34,7 +34,7 @@ def primal_dual_active_set(problem: Problem) -> Solution:
     if U.band.size == 0:
         return Solution(np.zeros(h), Status.STOPPED)
     search = _Search(U, problem.unit[1][U.order], problem.scale)
-    scaled = search.run(np.ones(h, dtype=bool))
+    scaled = search.run()
     if scaled is None:
         return Solution(np.zeros(h), Status.STOPPED, search.changes)
     impulse = np.zeros(h)
@@ -49,8 +49,9 @@ class _Search:
         self.U, self.bound, self.scale = U, bound, scale
         self.changes = 0
 
-    def run(self, active: np.ndarray) -> np.ndarray | None:
+    def run(self) -> np.ndarray | None:
         """Return the impulses, (h,), or None."""
+        active = np.ones(len(self.bound), dtype=bool)
         settled = self._settle(active, 0.0, self.bound)
         if settled is not None and _length(np.minimum(*settled)) <= REACHED * self.scale:
             return settled[0]
@@ -76,8 +77,8 @@ class _Search:
         fewest, patience, rounding = len(wanted) + 1, _PATIENCE, SIGNLESS * self.scale
         helped = False
         for _ in range(_GUESSES):
-            factor = self._factor(active, shift)
-            if factor is None:
+            factor = self.U.factor(active, shift)
+            if factor is None or (shift == 0.0 and factor.least_pivot < SINGULAR):
                 return None
             impulse = factor.solve(wanted)
             slack = self._slack(impulse, wanted, shift)
@@ -116,12 +117,6 @@ class _Search:
             ahead = np.maximum(following + (t - 1.0) / t_following * move, 0.0)
             impulse, t = following, t_following
         return impulse
-
-    def _factor(self, active: np.ndarray, shift: float) -> Factor | None:
-        """Return a factor of the active system; None if that is singular."""
-        factor = self.U.factor(active, shift)
-        singular = factor is None or (shift == 0.0 and factor.least_pivot < SINGULAR)
-        return None if singular else factor
 
     def _refined(
         self, factor: Factor, active: np.ndarray, impulse: np.ndarray, wanted: np.ndarray, shift: float

@@ -80,9 +80,8 @@ class CollisionRecord:
         if answer.status is not Status.SOLVED:  # the step went to the nearest point
             with suppress(SolverError):
                 return FrictionImpact.observed(collision, self.after)
-        return FrictionImpact.of_cones(
-            collision, answer.impulse, answer.jump, targets, scale=self.share, exact=self.exact, problem=problem
-        )
+        more = {"restitution_scale": self.share, "exact": self.exact, "cones": problem}
+        return FrictionImpact.of_cones(collision, answer.impulse, answer.jump, targets, **more)
 
 
 @dataclass(frozen=True, eq=False)

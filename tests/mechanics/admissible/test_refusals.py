@@ -11,10 +11,19 @@ from impactlaw.mechanics.admissible.cone import EnumerationError
 
 @pytest.mark.parametrize("method", ["contains", "distance", "project", "support"])
 @pytest.mark.parametrize(
-    "value", [[1.0, 2.0], [[1.0, 2.0, 3.0]], [1.0, np.nan, 0.0], [np.inf, 0.0, 0.0], 1.0, "abc", [[1], [1, 2]]]
+    ("value", "message"),
+    [
+        ([1.0, 2.0], r"must have shape \(3,\) like pre_velocity, got \(2,\)"),
+        ([[1.0, 2.0, 3.0]], r"must have shape \(3,\) like pre_velocity, got \(1, 3\)"),
+        ([1.0, np.nan, 0.0], "has entries that are not finite"),
+        ([np.inf, 0.0, 0.0], "has entries that are not finite"),
+        (1.0, r"must have shape \(3,\) like pre_velocity, got \(\)"),
+        ("abc", "is not an array of numbers"),
+        ([[1], [1, 2]], "is not an array of numbers"),
+    ],
 )
-def test_not_a_velocity(method, value):
-    with pytest.raises(InvalidCollisionError, match="must be finite with shape"):
+def test_not_a_velocity(method, value, message):
+    with pytest.raises(InvalidCollisionError, match=f"(v|direction) {message}"):
         getattr(AdmissibleSet(launched(3, 1)), method)(value)
 
 
