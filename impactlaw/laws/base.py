@@ -88,13 +88,13 @@ class Law(ABC):
 
     @property
     def contact_labels(self) -> frozenset[str]:
-        """Labels and patterns that the law is keyed with, in canonical order; empty if it is not."""
-        return frozenset()
+        """Labels and patterns that the normal law is keyed with, in canonical order; empty if it is not."""
+        return frozenset() if self.normal_law is self else self.normal_law.contact_labels
 
     @property
     def contact_count(self) -> int | None:
-        """Number of contacts that the law is for; None if for any."""
-        return None
+        """Number of contacts that the normal law is for; None if for any."""
+        return None if self.normal_law is self else self.normal_law.contact_count
 
     def seeded(self, seed: int) -> Law:
         """Return the law with this seed, 0 or more, if it draws its outcomes and has no seed of its own."""
@@ -191,8 +191,7 @@ def energy_gain(collision: Collision, restitution_matrix: ArrayLike) -> float:
         return 0.0
     lengths = np.where(collision.gradient_norms > 0, collision.gradient_norms, 1.0)
     U, s, _ = np.linalg.svd(collision.dense_gradients / lengths[:, None], full_matrices=False)
-    rank = int((s > RANK * s[0]).sum())
-    U, s = U[:, :rank], s[:rank]
+    U, s = U[:, s > RANK * s[0]], s[s > RANK * s[0]]
     scaled = E * (lengths / lengths[:, None])
     return float(np.linalg.norm(U.T @ scaled @ (U * s) / s[:, None], 2) ** 2)
 
@@ -215,6 +214,13 @@ def coefficient(value: object, name: str = "restitution") -> float:
     if not 0.0 <= e <= 1.0:
         raise RestitutionError(f"{name} must lie in [0, 1], got {e}")
     return e
+
+
+def is_semidefinite(matrix: np.ndarray, rounding: float) -> bool:
+    """Return whether a square matrix is symmetric and positive semidefinite, up to a part of its largest entry."""
+    allowed = rounding * np.abs(matrix).max(initial=0.0)
+    symmetric = (np.abs(matrix - matrix.T) <= allowed).all()
+    return bool(symmetric) and np.linalg.eigvalsh(matrix).min(initial=0.0) >= -allowed
 
 
 def square_matrix(value: Any, name: str = "restitution matrix", *, sparse: bool = False) -> Any:

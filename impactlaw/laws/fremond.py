@@ -127,22 +127,13 @@ class Reversal(RestitutionLaw):
 
 def _mirror(collision: Collision) -> np.ndarray:
     """Return for each contact the one that is as far from the other end of its block, (h,)."""
-    Y, scale = collision.whitened_jacobian, collision.gradient_norms
-    if len(scale) < 2:
-        return np.arange(len(scale))
-    if isinstance(Y, np.ndarray):
-        coupled = np.abs(collision.delassus) > INFLUENCE * np.outer(scale, scale)
-        if coupled.diagonal(1).all():  # one block, in order
-            return np.arange(len(scale))[::-1]
-        first, second = coupled.nonzero()
-    else:
-        G: Any = collision.delassus
-        G = G.tocoo()
-        real = np.abs(G.data) > INFLUENCE * scale[G.row] * scale[G.col]
-        first, second = G.row[real], G.col[real]
-    links = first != second
-    first, second = first[links], second[links]
-    graph = scipy.sparse.csr_array((np.ones(len(first)), (first, second)), shape=(len(scale), len(scale)))
+    G, scale = collision.delassus, collision.gradient_norms
+    if (np.abs(G.diagonal(1)) > INFLUENCE * scale[1:] * scale[:-1]).all():  # one block, in order
+        return np.arange(len(scale))[::-1]
+    G = scipy.sparse.coo_array(G)
+    first, second = G.coords
+    links = (np.abs(G.data) > INFLUENCE * scale[first] * scale[second]) & (first != second)
+    graph = scipy.sparse.csr_array((np.ones(np.count_nonzero(links)), (first[links], second[links])), shape=G.shape)
     count, member = scipy.sparse.csgraph.connected_components(graph, directed=False)
     along = _along_chains(graph, count, member)
     mirror = np.empty_like(along)

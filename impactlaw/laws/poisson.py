@@ -62,13 +62,12 @@ class Poisson(ContactCoefficients, Law):
         v, metric, wanted = collision.pre_velocity, collision.metric, target.contact_velocity
         after, impulse = v + metric.unwhiten(kick + answer.jump), least + answer.impulse
         impact = Impact(collision, after, impulse, wanted, least_impulse=least, compression=compression)
-        error = _error(impact)
-        if error > GOOD and isinstance(start.gradients, np.ndarray):
+        if _error(impact) > GOOD and isinstance(start.gradients, np.ndarray):
             for rank in _RANKS:
                 jump, more = _refined(start, kick + answer.jump, answer.impulse, rank)
                 other = replace(impact, post_velocity=v + metric.unwhiten(jump), found_impulse=least + more)
-                if _error(other) < error:
-                    impact, error = other, _error(other)
+                impact = min(impact, other, key=_error)
+        error = _error(impact)
         if not error <= CERTIFIED:
             raise SolverError(
                 f"solver {solver!r} reached relative residual {error:.1e} in the expansion of {len(least)} contacts, "

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from impactlaw.errors import RestitutionError
-from impactlaw.laws.base import Law, Target, number, square_matrix
+from impactlaw.laws.base import Law, Target, is_semidefinite, number, square_matrix
 from impactlaw.laws.drawn.drawing import DrawnLaw
 from impactlaw.mechanics.admissible.sampling import check_number, generator_of
 from impactlaw.mechanics.collision import Collision, checked
 
-_ROUNDING = 1e-12  # part of the largest variance that is rounding
+_ROUNDING = 1e-12  # part of the largest variance, or singular value of the gradients, that is rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,10 +51,8 @@ class Scattered(DrawnLaw):
             if covariance is None or not 0.0 <= covariance < np.inf:
                 raise RestitutionError(f"a variance must be 0 or more, and finite, got {self.covariance!r}")
         else:
-            C = covariance = square_matrix(self.covariance, "covariance")
-            rounding = _ROUNDING * np.abs(C).max(initial=0.0)
-            symmetric = np.allclose(C, C.T, rtol=0, atol=rounding)
-            if not symmetric or np.linalg.eigvalsh(C).min(initial=0.0) < -rounding:
+            covariance = square_matrix(self.covariance, "covariance")
+            if not is_semidefinite(covariance, _ROUNDING):
                 raise RestitutionError("a covariance must be symmetric and positive semidefinite")
         object.__setattr__(self, "covariance", covariance)
 
@@ -71,8 +69,7 @@ class Scattered(DrawnLaw):
     @property
     def contact_count(self) -> int | None:
         """Number of contacts that the covariance, or else the law in the middle, is for; None if for any."""
-        own = None if np.ndim(self.covariance) == 0 else len(np.asarray(self.covariance))
-        return self.law.contact_count if own is None else own
+        return len(np.asarray(self.covariance)) if np.ndim(self.covariance) else self.law.contact_count
 
     def target(self, collision: Collision) -> Target:
         """Return the contact velocities of the sample that belongs to this collision."""
@@ -99,7 +96,7 @@ class Scattered(DrawnLaw):
         w, V = np.linalg.eigh(C if C.ndim else C * np.eye(h))
         xi = generator.normal(size=(n, h)) @ (V * np.sqrt(np.maximum(w, 0.0))).T
         U, s, Vt = np.linalg.svd(c.dense_gradients, full_matrices=False)
-        directions = U[:, s > 1e-12 * s.max(initial=0.0)], Vt[s > 1e-12 * s.max(initial=0.0)]
-        delta = c.metric.unwhiten(xi @ directions[0] @ directions[1]) * c.pre_speed
+        kept = s > _ROUNDING * s.max(initial=0.0)
+        delta = c.metric.unwhiten(xi @ U[:, kept] @ Vt[kept]) * c.pre_speed
         S = c.admissible_set
         return np.array([S.project(middle + one) for one in delta]).reshape(n, len(middle))

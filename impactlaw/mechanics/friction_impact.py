@@ -190,8 +190,8 @@ def cone_gradients(collision: Collision) -> np.ndarray:
 
 def cone_problem(
     collision: Collision,
-    normal: np.ndarray | None = None,
-    sliding: np.ndarray | None = None,
+    normal: np.ndarray | float = 0.0,
+    sliding: np.ndarray | float = 0.0,
     *,
     exact: bool = True,
     known: ConeProblem | None = None,
@@ -206,9 +206,7 @@ def cone_problem(
     if collision.surface_jump is not None:
         bound = bound + collision.surface_jump
     along = collision.pre_sliding_velocity + friction.surface_jump
-    bound = bound if normal is None else bound - normal
-    along = along if sliding is None else along - sliding
-    offset = np.concatenate([bound, along * friction.coefficient])[order]
+    offset = np.concatenate([bound - normal, (along - sliding) * friction.coefficient])[order]
     if known is not None:
         return known.starting(offset, collision.pre_speed)
     return ConeProblem(cone_gradients(collision), offset, sizes, exact=exact, speed=collision.pre_speed)

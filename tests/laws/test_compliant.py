@@ -169,9 +169,9 @@ def test_cradle_in_every_way_to_step(options):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Compliant(0.0), "stiffness must be positive"),
+        (lambda: Compliant(0.0), "stiffness must be a positive number, and finite, got 0.0"),
         (lambda: Compliant("hard"), "stiffness must be a positive number"),
-        (lambda: Compliant([1.0, np.nan]), "stiffness of contact 1 must be positive"),
+        (lambda: Compliant([1.0, np.nan]), "stiffness of contact 1 must be a positive number, and finite, got nan"),
         (lambda: Compliant({"a/b": 1.0, "b/a": 2.0}), "two restitutions"),
         (lambda: Compliant(1.0, exponent=0.5), r"exponent must lie in \[1, 4\]"),
         (lambda: Compliant(1.0, restitution=0.0), "never opens"),

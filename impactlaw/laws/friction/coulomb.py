@@ -85,16 +85,6 @@ class Coulomb(Law):
         """The inner law."""
         return self.law
 
-    @property
-    def contact_labels(self) -> frozenset[str]:
-        """Labels that the inner law is keyed with."""
-        return self.law.contact_labels
-
-    @property
-    def contact_count(self) -> int | None:
-        """Number of contacts that the inner law is for; None if for any."""
-        return self.law.contact_count
-
     def seeded(self, seed: int) -> Coulomb:
         """Return the law with this seed in the inner law, if that draws its outcomes and has none."""
         inner = self.law.seeded(seed)

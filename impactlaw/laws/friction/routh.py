@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
 
 from impactlaw.errors import RestitutionError, UnknownNameError, UnsolvableLawError
 from impactlaw.laws.base import Law, Target, checked
-from impactlaw.laws.friction.routh_impulses import impulses, phases_of
+from impactlaw.laws.friction.routh_impulses import Hypothesis, impulses, phases_of
 from impactlaw.laws.restitution.coefficients import Coefficient, Coefficients, ContactCoefficients  # noqa: F401  (types of inherited fields)
+from impactlaw.laws.tolerances import INFLUENCE
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.mechanics.impact import Impact
 from impactlaw.mechanics.tolerances import FIXED
-
-_APART = 1e-12  # cosine between gradients of two contacts up to which they do not influence each other
 
 
 @dataclass(frozen=True, repr=False)
@@ -50,7 +48,7 @@ class Routh(ContactCoefficients, Law):
     description = "friction at every instant of one contact's impact, then e times the impulse of compression"
     has_friction = True
 
-    hypothesis: Literal["poisson", "stronge"] = field(default="poisson", kw_only=True)
+    hypothesis: Hypothesis = field(default="poisson", kw_only=True)
 
     def __post_init__(self):
         super().__post_init__()
@@ -81,15 +79,15 @@ class Routh(ContactCoefficients, Law):
         rows = np.vstack([c.whitened_jacobian, c.whitened_friction])
         gamma = np.concatenate([c.pre_contact_velocity, c.pre_sliding_velocity])
         owner = np.concatenate([np.arange(h), np.zeros(0, int) if c.friction is None else c.friction.contact])
+        mu = np.zeros(0) if c.friction is None else c.friction.coefficient
         _check_apart(c, rows, owner)
         _check_free(c, gamma[:h])
-        impulse, sizes = np.zeros(len(gamma)), c.gradient_norms
-        mu = np.zeros(0) if c.friction is None else c.friction.coefficient
-        for i in np.flatnonzero((gamma[:h] < 0.0) & (sizes > 0.0)):
+        impulse = np.zeros(len(gamma))
+        for i in np.flatnonzero((gamma[:h] < 0.0) & (c.gradient_norms > 0.0)):
             own = np.flatnonzero(owner == i)
             impulse[own] = self._one(rows[own], gamma[own], mu[own[1:] - h], float(e[i]))
         jump = impulse @ rows
-        if c.friction is None or not len(c.friction):
+        if not len(mu):
             return Impact(c, c.pre_velocity + c.metric.unwhiten(jump), impulse[:h])
         scaled = np.concatenate([impulse[:h], impulse[h:] / mu])[c.cone_rows.order]
         return FrictionImpact.of_cones(c, scaled, jump)
@@ -117,7 +115,7 @@ def _check_apart(collision: Collision, rows: np.ndarray, owner: np.ndarray) -> N
     if len(collision.labels) < 2:
         return
     lengths = np.linalg.norm(rows, axis=1)
-    coupled = np.abs(rows @ rows.T) > _APART * np.outer(lengths, lengths)
+    coupled = np.abs(rows @ rows.T) > INFLUENCE * np.outer(lengths, lengths)
     pairs = np.argwhere(coupled & (owner[:, None] != owner))
     if len(pairs):
         a, b = (collision.labels[owner[i]] for i in pairs[0])

@@ -69,7 +69,7 @@ def restricted(law: Law, chosen: Chosen) -> Law:
         law = Newton(law.restitution)
     if isinstance(law, ContactCoefficients) and law.contact_count is None:
         return _with_zeros(law, chosen)
-    if isinstance(law, Law) and law.has_target:
+    if law.has_target:
         return OnContacts(law, chosen)
     raise RestitutionError(
         f"{law!r:.100} cannot be for some contacts only, since it has a rule of its own for impulses; key its "
@@ -79,11 +79,8 @@ def restricted(law: Law, chosen: Chosen) -> Law:
 
 def _with_zeros(law: Any, chosen: Chosen) -> Law:
     """Return a law of coefficients with 0 for the contacts that are not chosen."""
-    keyed = isinstance(law.restitution, Mapping)
+    if not isinstance(law.restitution, Mapping):
+        law = replace(law, restitution={}, default=law.restitution)
     if chosen.others:
-        zeros = dict.fromkeys(sorted(chosen.labels), 0.0)
-        if keyed:
-            return replace(law, restitution={**law.restitution, **zeros})
-        return replace(law, restitution=zeros, default=law.restitution)
-    table = {label: law.named(label) if keyed else law.restitution for label in sorted(chosen.labels)}
-    return replace(law, restitution=table, default=0.0)
+        return replace(law, restitution={**law.restitution, **dict.fromkeys(sorted(chosen.labels), 0.0)})
+    return replace(law, restitution={label: law.named(label) for label in sorted(chosen.labels)}, default=0.0)

@@ -10,6 +10,7 @@ import numpy as np
 
 from impactlaw.errors import SolverError
 from impactlaw.mechanics.admissible.cone import EnumerationError
+from impactlaw.mechanics.bilateral import Bilateral
 from impactlaw.mechanics.tolerances import NEAR, SET_RANK, SET_ROUNDING, TIGHT, VANISHING
 from impactlaw.solvers import nonnegative_combination
 from impactlaw.solvers.least_squares import row_span
@@ -154,9 +155,9 @@ class CappedPolyhedron:
             active = self._pushing(x, base + t * ray - x)[0]
             before = x
             while True:
-                flat = _Flat(A[active], b[active])
-                along = flat.within(ray)
-                move = flat.within(base - x) + t * along
+                kept = Bilateral(*row_span(A[active], SET_RANK))
+                along, towards = kept.project(np.stack([ray, base - x]))
+                move = towards + t * along
                 rate = A @ move
                 meets = rate < -VANISHING * np.linalg.norm(move)
                 meets[active] = False
@@ -164,7 +165,8 @@ class CappedPolyhedron:
                 steps = np.divide(room, -rate, out=np.ones_like(rate), where=meets)
                 first = int(np.argmin(steps))
                 step = min(1.0, steps[first])
-                x = flat.onto(x + step * move)
+                x = x + step * move
+                x = x + kept.combination @ (b[active] - A[active] @ x) @ kept.basis
                 if step == 1.0:
                     break
                 active = np.append(active, first)
@@ -181,21 +183,3 @@ class CappedPolyhedron:
         tight = np.flatnonzero(self.normals @ x - self.offsets <= TIGHT)
         push = nonnegative_combination(self.normals[tight], -pull, shared=False)
         return tight[push > 0], pull + push @ self.normals[tight]
-
-
-class _Flat:
-    """The affine subspace ``{x : A x = b}``, for unit rows A."""
-
-    def __init__(self, A: np.ndarray, b: np.ndarray):
-        self.A, self.b = A, b
-        self.rows, self.combination = row_span(A, SET_RANK)
-
-    def onto(self, x: np.ndarray) -> np.ndarray:
-        """Return the nearest point of the flat."""
-        return x + self.combination @ (self.b - self.A @ x) @ self.rows
-
-    def within(self, v: np.ndarray) -> np.ndarray:
-        """Return the part of a vector along the flat, zero where it is rounding."""
-        w = v - (v @ self.rows.T) @ self.rows
-        w -= (w @ self.rows.T) @ self.rows  # a second time for what rounding left in the first
-        return np.where(np.linalg.norm(w) > VANISHING * np.linalg.norm(v), w, 0.0)

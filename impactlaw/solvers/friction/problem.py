@@ -68,19 +68,18 @@ class ConeProblem:
         self.exact = exact
         self.shape = (h, m)
         self._place = None
-        A, b = gradients, offset
+        A = gradients
         if n != h * m:
             first = np.cumsum(sizes) - sizes
             self._place = np.arange(n) + np.repeat(np.arange(h) * m - first, sizes)
-            A, b = np.zeros((h * m, gradients.shape[1])), np.zeros(h * m)
-            A[self._place], b[self._place] = gradients, offset
+            A = np.zeros((h * m, gradients.shape[1]))
+            A[self._place] = gradients
         norms = np.sqrt(np.vecdot(A, A)).reshape(h, m).max(axis=1, initial=0.0)
         self.lengths = norms if np.count_nonzero(norms) == h else np.where(norms > 0, norms, 1.0)
         each = np.repeat(self.lengths, m)
         self.rows = A / each[:, None]
-        self.start = (b / each).reshape(h, m)
         self._delassus: np.ndarray | None = None
-        self.scale = self._scale(speed)
+        self._start(offset, speed)
 
     @property
     def delassus(self) -> np.ndarray:
@@ -89,19 +88,23 @@ class ConeProblem:
             self._delassus = self.rows @ self.rows.T
         return self._delassus
 
-    def _scale(self, speed: float) -> float:
+    def _start(self, offset: np.ndarray, speed: float) -> None:
+        self.start = self._padded(offset) / self.lengths[:, None]
         largest = sqrt(np.vecdot(self.start, self.start).max(initial=0.0))
-        return speed if speed > largest else largest
+        self.scale = speed if speed > largest else largest
+
+    def _padded(self, values: np.ndarray) -> np.ndarray:
+        """Return values of the rows, (n,), with zeros for the rows that pad the contacts, (h, m)."""
+        if self._place is None:
+            return values.reshape(self.shape)
+        padded = np.zeros(self.shape)
+        padded.reshape(-1)[self._place] = values
+        return padded
 
     def starting(self, offset: np.ndarray, speed: float) -> ConeProblem:
         """Return the same contacts with another offset, (n,), and speed."""
         problem = copy(self)
-        if self._place is not None:
-            padded = np.zeros(self.shape)
-            padded.reshape(-1)[self._place] = offset
-            offset = padded
-        problem.start = offset.reshape(self.shape) / self.lengths[:, None]
-        problem.scale = problem._scale(speed)
+        problem._start(offset, speed)
         return problem
 
     @property
@@ -118,12 +121,7 @@ class ConeProblem:
 
     def scaled(self, impulse: np.ndarray) -> np.ndarray:
         """Return an impulse (n,) padded and scaled, (h, m)."""
-        if self._place is None:
-            padded = impulse.reshape(self.shape)
-        else:
-            padded = np.zeros(self.shape)
-            padded.reshape(-1)[self._place] = impulse
-        return padded * self.lengths[:, None]
+        return self._padded(impulse) * self.lengths[:, None]
 
     def unscaled(self, x: np.ndarray) -> np.ndarray:
         """Return the impulse (n,) of a scaled one, (h, m)."""
