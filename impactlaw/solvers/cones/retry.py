@@ -14,7 +14,7 @@ from impactlaw.solvers.cones.convex import out_of_reach
 from impactlaw.solvers.cones.interior import interior
 from impactlaw.solvers.cones.islands import build
 from impactlaw.solvers.cones.newton import DE_SAXCE, newton
-from impactlaw.solvers.cones.rows import islands, lengths, trees_of
+from impactlaw.solvers.cones.rows import islands
 from impactlaw.solvers.cones.solve import in_islands
 
 _STEPS, _AFTER, _ENDLESS = np.int64(15), np.int64(25), np.int64(1000)  # of the interior point method, and Newton's
@@ -92,10 +92,9 @@ def retry(
 
     There are cones only. The arguments are those of `solve.solve`.
     """
-    groups, trees, jammed = len(first), trees_of(tree), False
-    length, label, parent, root = numbers(groups), indices(groups), indices(trees), indices(trees)
-    lengths(rownnz, rowadr, value, first, size, compliance, length)
-    count = islands(rownnz, rowadr, colind, value, tree, first, size, length, label, parent, root)
+    groups, jammed = len(first), False
+    length, label = numbers(groups), indices(groups)
+    count = islands(rownnz, rowadr, colind, value, tree, first, size, compliance, length, label)
     begin, at, order = counts(count + 1), indices(count), indices(groups)
     in_islands(label, begin, at, order)
     number, seen = unset(len(tree)), unset(len(tree))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from impactlaw.solvers.cones.algebra.loops import FIRST, Array, clear, plain
+from impactlaw.solvers.cones.algebra.loops import FIRST, Array, clear, indices, kernel, plain
 from impactlaw.solvers.cones.algebra.projection import group_residual
 
 _NOTHING = 1e-10  # rows shorter than this part of the longest do not move anything
@@ -62,7 +62,7 @@ def longest_group(size: Array) -> int:
     return most
 
 
-@plain
+@kernel
 def islands(
     rownnz: Array,
     rowadr: Array,
@@ -71,16 +71,15 @@ def islands(
     tree: Array,
     first: Array,
     size: Array,
+    c: Array,
     length: Array,
     label: Array,
-    parent: Array,
-    number: Array,
 ) -> int:
-    """Write the island of each group, -1 for a group that cannot move; return the number of islands.
-
-    ``parent`` and ``number`` are room, int64 (trees,) each.
-    """
-    for t in range(len(parent)):
+    """Write `lengths`, and the island of each group, -1 for a group that cannot move; return the number of islands."""
+    lengths(rownnz, rowadr, value, first, size, c, length)
+    trees = trees_of(tree)
+    parent, number = indices(trees), indices(trees)
+    for t in range(trees):
         parent[t], number[t] = t, -1
     for g in range(len(first)):
         label[g] = -1

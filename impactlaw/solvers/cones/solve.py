@@ -18,7 +18,7 @@ from impactlaw.solvers.cones.algebra.loops import (
 )
 from impactlaw.solvers.cones.hybrid import solve_island
 from impactlaw.solvers.cones.islands import build
-from impactlaw.solvers.cones.rows import certificate, impulse_jump, islands, lengths, longest_group, trees_of
+from impactlaw.solvers.cones.rows import certificate, impulse_jump, islands, longest_group
 
 
 @linked(
@@ -86,10 +86,9 @@ def improve(
     `left` (1,) is the part of the work allowed that is left, see `budget.spend`: what is done is taken from it, and
     where nothing is left, only the first attempt is made, or all first ones of a convex problem.
     """
-    groups, trees = len(first), trees_of(tree)
-    length, label, parent, root = numbers(groups), indices(groups), indices(trees), indices(trees)
-    lengths(rownnz, rowadr, value, first, size, compliance, length)
-    count = islands(rownnz, rowadr, colind, value, tree, first, size, length, label, parent, root)
+    groups = len(first)
+    length, label = numbers(groups), indices(groups)
+    count = islands(rownnz, rowadr, colind, value, tree, first, size, compliance, length, label)
     scale, squares, room = numbers(count), numbers(count), numbers(2 * longest_group(size))
     _clean(first, size, label, x)
     impulse_jump(rownnz, rowadr, colind, value, x, z)
@@ -194,11 +193,8 @@ def natural_map(
 ) -> float:
     """Return the largest relative natural map of all islands at x; the arguments are those of `solve`."""
     groups = len(first)
-    z, length, label, trees = np.zeros(nv), np.empty(groups), np.empty(groups, np.int64), trees_of(tree)
-    lengths(rownnz, rowadr, value, first, size, compliance, length)
-    count = islands(
-        rownnz, rowadr, colind, value, tree, first, size, length, label, indices(trees), indices(trees)
-    )  # fmt: skip
+    z, length, label = np.zeros(nv), np.empty(groups), np.empty(groups, np.int64)
+    count = islands(rownnz, rowadr, colind, value, tree, first, size, compliance, length, label)
     impulse_jump(rownnz, rowadr, colind, value, x, z)
     return certificate(
         rownnz, rowadr, colind, value, first, size, kind, bound, compliance, b, x, z, exact, length, label,

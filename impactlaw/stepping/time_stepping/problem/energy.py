@@ -7,7 +7,7 @@ from typing import Any
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import BILATERAL, CONE
 from impactlaw.solvers.cones.algebra.loops import indices, kernel, numbers, plain, zeros
-from impactlaw.solvers.cones.rows import impulse_jump, islands, lengths, trees_of
+from impactlaw.solvers.cones.rows import impulse_jump, islands
 from impactlaw.stepping.time_stepping import tolerances
 
 CREATED = 1e-9  # part of the largest energy of a contact, up to which its creation is rounding
@@ -142,11 +142,8 @@ def find_islands(sparse, colind, value, groups, rates, tree, label):
 
     `tree`, (nv,), tells which degrees of freedom belong together: those of a kinematic tree, or each to itself alone.
     """
-    length, parent, number = numbers(len(label)), indices(trees_of(tree)), indices(trees_of(tree))
-    lengths(sparse[0], sparse[1], value, groups[0], groups[1], rates[4], length)
-    return islands(
-        sparse[0], sparse[1], colind, value, tree, groups[0], groups[1], length, label, parent, number
-    )  # fmt: skip
+    length = numbers(len(label))
+    return islands(sparse[0], sparse[1], colind, value, tree, groups[0], groups[1], rates[4], length, label)
 
 
 @kernel

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from impactlaw.solvers.cones.algebra.loops import indices, integers, kernel, numbers, plain, zeros
-from impactlaw.solvers.cones.rows import islands, lengths
+from impactlaw.solvers.cones.rows import islands
 
 
 @plain
@@ -53,14 +53,12 @@ def most_gained(rows, members, done, allowed, nv):
         total += max(work, 0.0)
     if total <= allowed or k == 1:
         return total
-    length, label, parent, number_of, freedom = numbers(k), indices(k), indices(nv), indices(nv), integers(nv)
+    length, label, freedom = numbers(k), indices(k), integers(nv)
     for i in range(nv):
         freedom[i] = i
     first, sizes = rows.first[members], rows.sizes[members]
-    lengths(rows.nnz, rows.adr, rows.val, first, sizes, zeros(len(rows.nnz)), length)
-    count = islands(
-        rows.nnz, rows.adr, rows.col, rows.val, freedom, first, sizes, length, label, parent, number_of
-    )  # fmt: skip
+    compliance = zeros(len(rows.nnz))
+    count = islands(rows.nnz, rows.adr, rows.col, rows.val, freedom, first, sizes, compliance, length, label)
     gained, most = zeros(count + 1), 0.0
     for j in range(k):
         gained[label[j]] += done[j]  # the last one: what cannot move
