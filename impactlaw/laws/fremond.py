@@ -81,13 +81,12 @@ class Fremond(RestitutionLaw):
                     f"({', '.join(collision.labels)}); key it by contact labels so that it follows the contacts"
                 )
             return self.matrix
-        table: dict[tuple[str, str], float] = self.matrix
         names = [canonical(label) for label in collision.labels]
         E = np.zeros((h, h))
         for i, row in enumerate(names):
             for j, column in enumerate(names):
                 if i == j or row != column:
-                    E[i, j] = table.get((row, column), 0.0)
+                    E[i, j] = self.matrix.get((row, column), 0.0)
         return E
 
 

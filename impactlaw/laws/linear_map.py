@@ -34,12 +34,9 @@ class LinearMap(Law):
 
     def target(self, collision: Collision) -> Target:
         """Return ``gamma^h = J h v-``, the contact velocities of ``u = h v-``; ``+ w+`` where surfaces move."""
-        h = np.asarray(self.h)
-        if len(h) != len(collision.pre_velocity):
-            raise RestitutionError(
-                f"linear map is {h.shape} but the velocity has {len(collision.pre_velocity)} entries"
-            )
-        v, metric = collision.pre_velocity, collision.metric
+        h, v, metric = np.asarray(self.h), collision.pre_velocity, collision.metric
+        if len(h) != len(v):
+            raise RestitutionError(f"linear map is {h.shape} but the velocity has {len(v)} entries")
         u = h @ v
         if collision.bilateral_jacobian is not None:
             u = v + metric.unwhiten(collision._bilateral.project(metric.whiten(u - v)[None])[0])

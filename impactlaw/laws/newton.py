@@ -21,9 +21,7 @@ class Newton(ContactCoefficients, RestitutionLaw):
     """
 
     name = "newton"
-    description = (
-        "E = diag(e_1 .. e_h): one coefficient per contact, also keyed by contact label or a function of speed"
-    )
+    description = "E = diag(e_1 .. e_h): one coefficient per contact, also keyed by its label or a function of speed"
     per_contact = True
 
     @property

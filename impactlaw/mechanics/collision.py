@@ -251,11 +251,7 @@ class Collision:
         )
 
     def velocity(self, values: ArrayLike, name: str) -> np.ndarray:
-        """Return a read-only copy of a velocity of the bodies, shape (nv,).
-
-        Raises:
-            InvalidCollisionError: it has the wrong shape or entries that are not finite; name is what it is.
-        """
+        """Return a read-only copy of a velocity of the bodies, (nv,); `InvalidCollisionError` names what is none."""
         return finite_array(values, name, self.pre_velocity.shape, " like pre_velocity")
 
     def contact_velocity_after(self, velocity: np.ndarray) -> np.ndarray:
@@ -277,8 +273,7 @@ class Collision:
         """The collision whose surfaces have their velocities after the impact, w+ and w_t+, from the start."""
         c, friction = self, self.friction
         if friction is not None and friction.surface_jump.any():
-            friction = replace(friction, surface_velocity=friction.post_surface_velocity)
-            c = replace(c, friction=friction)
+            c = replace(c, friction=replace(friction, surface_velocity=friction.post_surface_velocity))
         if c.surface_jump is not None:
             c = replace(c, surface_velocity=c.post_surface_velocity, post_surface_velocity=None)
         return c

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from impactlaw.errors import InvalidCollisionError, SolverError
+from impactlaw.mechanics.admissible.violations import Violations, measured
 from impactlaw.mechanics.collision import Collision, checked
 from impactlaw.mechanics.friction import Friction
 from impactlaw.mechanics.impact import Impact
@@ -135,14 +136,15 @@ class FrictionImpact(Impact):
         rubbing = np.bincount(friction.contact, self.friction_impulse * sliding, len(c.labels))
         return self.impulse * mean + rubbing
 
-    @property
-    def _pulling_and_gain(self) -> tuple[float, float, float]:
+    @cached_property
+    def violations(self) -> Violations:
         """As of `Impact`, of friction cones, with `work_after_jump` gained.
 
-        The speed is that at which moving surfaces slide, where that is larger than ``|v-|``.
+        They are compared with the speed at which moving surfaces slide, where that is larger than ``|v-|``.
         """
-        speed = max(self.collision.pre_speed, self._problem.scale)
-        return self._cone_error, self.work_after_jump, speed
+        c, gain = self.collision, self.work_after_jump
+        speed = max(c.pre_speed, self._problem.scale)
+        return measured(c, self.whitened_jump, self.post_contact_velocity, self._cone_error, gain, speed)
 
     @cached_property
     def residual(self) -> float:

@@ -132,12 +132,8 @@ class Impact:
     @cached_property
     def violations(self) -> Violations:
         """How far v+ is outside of each of the three sets whose intersection is S(v-)."""
-        return measured(self.collision, self.whitened_jump, self.post_contact_velocity, *self._pulling_and_gain)
-
-    @property
-    def _pulling_and_gain(self) -> tuple[float, float, float]:
-        """What `pushed` returns, and the speed that is compared with."""
-        return *pushed(self.collision, self.whitened_jump, self.found_impulse), self.collision.pre_speed
+        c, jump = self.collision, self.whitened_jump
+        return measured(c, jump, self.post_contact_velocity, *pushed(c, jump, self.found_impulse), c.pre_speed)
 
     @cached_property
     def residual(self) -> float:

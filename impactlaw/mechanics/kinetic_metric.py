@@ -58,21 +58,15 @@ class KineticMetric:
 
     def whiten(self, velocity: np.ndarray) -> np.ndarray:
         """Return ``R^T v`` for one velocity (nv,) or several (n, nv)."""
-        if self._scale is not None:
-            return velocity * self._scale
-        return velocity @ self._factor.T
+        return velocity * self._scale if self._scale is not None else velocity @ self._factor.T
 
     def unwhiten(self, z: np.ndarray) -> np.ndarray:
         """Return ``R^-T z``, the inverse of `whiten`, for one vector (nv,) or several (n, nv)."""
-        if self._scale is not None:
-            return z / self._scale
-        return _solve(self._factor, z, transposed=0)
+        return z / self._scale if self._scale is not None else _solve(self._factor, z, transposed=0)
 
     def whiten_gradients(self, jacobian: np.ndarray) -> np.ndarray:
         """Return ``J R^-T``, shape (h, nv)."""
-        if self._scale is not None:
-            return jacobian / self._scale
-        return _solve(self._factor, jacobian, transposed=1)
+        return jacobian / self._scale if self._scale is not None else _solve(self._factor, jacobian, transposed=1)
 
     def norm(self, velocity: np.ndarray) -> float:
         """Return ``sqrt(v^T M v)``."""

@@ -19,8 +19,7 @@ def farkas_ray(problem: Problem) -> np.ndarray | None:
     if size <= 0.0:
         return None
     c = c / size
-    wanted = np.zeros(Y.shape[1] + 1)
-    wanted[-1] = 1.0
+    wanted = np.append(np.zeros(Y.shape[1]), 1.0)
     try:
         found, _ = scipy.optimize.nnls(np.vstack([Y.T, c]), wanted, maxiter=30 * len(c))
     except RuntimeError:

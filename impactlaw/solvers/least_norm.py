@@ -20,11 +20,8 @@ def least_norm(gradients: np.ndarray, impulse: np.ndarray, tight: np.ndarray) ->
 
     With N an orthonormal basis of the impulses that move nothing and x the part of ``impulse`` orthogonal to them,
     Lambda is x where x >= 0, and ``x + N y`` with ``min |y|, N y >= -x`` otherwise: the form every solver answers.
-
-    Args:
-        gradients: ``Y``, shape (h, nv), no row of zeros.
-        impulse: any solution ``Lambda >= 0``, shape (h,); it is returned itself where it is the only one.
-        tight: contacts that may carry an impulse, bool (h,), among them those that do in ``impulse``.
+    ``Y``, (h, nv), has no row of zeros. The impulse, (h,), is returned itself where it is the only solution; contacts
+    that carry it are among those that are tight, bool (h,).
     """
     face = np.flatnonzero(tight)
     Y, x = gradients[face], impulse[face]
@@ -44,9 +41,8 @@ def least_norm(gradients: np.ndarray, impulse: np.ndarray, tight: np.ndarray) ->
         carrying = solution.impulse == 0
     else:
         carrying = part > 0
-    on = np.zeros(len(impulse), dtype=bool)
+    on = impulse > 0
     on[face[shared]] = carrying
-    on[face[~shared]] = x[~shared] > 0
     result = np.zeros_like(impulse)
     result[on] = np.maximum(least_squares(gradients[on].T, x @ Y, RANK), 0.0)
     return result

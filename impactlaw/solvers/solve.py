@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from importlib import import_module
 from math import prod
 
@@ -41,11 +42,7 @@ _MANY = 64  # contacts from which linear algebra starts threads where it may
 
 
 def check_solver(name: str) -> None:
-    """Refuse a name of no solver.
-
-    Raises:
-        UnknownNameError: it is neither in `SOLVERS` nor "auto".
-    """
+    """Refuse a name that is neither in `SOLVERS` nor "auto": `UnknownNameError`."""
     if name != "auto" and name not in SOLVERS:
         raise UnknownNameError("solver", name, [*SOLVERS, "auto"])
 
@@ -83,9 +80,7 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
     if not np.count_nonzero(c > 0):  # every law comes here: a quarter of the time of any()
         return Answer(np.zeros(len(c)), np.zeros(problem.gradients.shape[1]), -c / problem.lengths, 0.0)
     try:
-        if len(c) < _MANY:
-            return _solve(problem, labels, solver, shared=shared)
-        with one_thread():
+        with nullcontext() if len(c) < _MANY else one_thread():
             return _solve(problem, labels, solver, shared=shared)
     except (ValueError, ZeroDivisionError) as error:  # from linear algebra, to which nothing else is wrong
         if np.isfinite(c).all() and np.isfinite(problem.norms).all():
@@ -133,10 +128,7 @@ def nonnegative_combination(gradients: np.ndarray, point: np.ndarray, *, shared:
 
 
 def _attempt(problem: Problem, solver: str, labels: tuple[str, ...]) -> tuple[Answer | None, Solution | None]:
-    """Ask one solver after the other until an answer is good; return the best answer, and what the last one returned.
-
-    What is proved unsolvable is refused.
-    """
+    """Ask one solver after the other until an answer is good; return the best one, and what the last one returned."""
     best = last = None
     dear = problem.is_sparse and prod(problem.gradients.shape) > LARGEST_POLISHED
     for name in _candidates(problem, solver):

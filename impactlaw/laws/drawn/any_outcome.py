@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-
-import numpy as np
 
 from impactlaw.errors import SolverError
 from impactlaw.laws.base import Target
@@ -40,14 +39,10 @@ class AnyOutcome(DrawnLaw):
         if len(c.labels) == 1 and c.frame_rates is None:
             e = rng.random()
             return Target(-e * c.pre_contact_velocity, coefficient=e)
-        v = _draw(c if c.friction is None else replace(c, friction=None), rng)
+        c, v = c if c.friction is None else replace(c, friction=None), None
+        if c.has_admissible_set and len(c.labels) <= _MOST_CONTACTS:
+            with suppress(EnumerationError, SolverError):
+                v = c.admissible_set.sample(1, rng)[0]
+        if v is None:
+            v = Poisson(rng.random(len(c.labels)).tolist()).resolve(c).post_velocity
         return Target(c.contact_velocity_after(v), v)
-
-
-def _draw(collision: Collision, rng: np.random.Generator) -> np.ndarray:
-    if collision.has_admissible_set and len(collision.labels) <= _MOST_CONTACTS:
-        try:
-            return collision.admissible_set.sample(1, rng)[0]
-        except (EnumerationError, SolverError):
-            pass
-    return Poisson(rng.random(len(collision.labels)).tolist()).resolve(collision).post_velocity

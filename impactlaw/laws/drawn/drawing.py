@@ -48,7 +48,6 @@ class DrawnLaw(Law):
     def generator(self, collision: Collision) -> np.random.Generator:
         """Return the generator that belongs to a collision: J, v- and the law's seed are its seed."""
         J: Any = collision.jacobian
-        J = np.ascontiguousarray(J.toarray() if is_sparse(J) else J)
-        known = collision.pre_velocity + 0.0, J + 0.0  # of which no zero has a sign
+        known = collision.pre_velocity + 0.0, (J.toarray() if is_sparse(J) else J) + 0.0  # of which no zero has a sign
         digest = hashlib.sha256(b"".join(part.tobytes() for part in known)).digest()
         return np.random.default_rng([self.seed or 0, int.from_bytes(digest[:8], "little")])

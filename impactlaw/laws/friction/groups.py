@@ -83,9 +83,7 @@ def ties_of(law: Law, collision: Collision) -> np.ndarray | None:
 def joined(collision: Collision, parts: Sequence[tuple[np.ndarray, FrictionImpact]]) -> FrictionImpact:
     """Return the impact of groups of contacts that do not influence each other.
 
-    Args:
-        collision: of all contacts.
-        parts: contacts of a group, ascending, and their impact: alone, see `Collision.part`, or with all others.
+    A part is the contacts of a group, ascending, and their impact: alone, see `Collision.part`, or with all others.
     """
     friction, h = collision.friction, len(collision.labels)
     assert friction is not None

@@ -97,10 +97,8 @@ class TwoPhases(Attempt):
     def _expansion(self, start: np.ndarray, given: np.ndarray, twice: np.ndarray) -> tuple[ConeAnswer, np.ndarray]:
         """Return what expansion adds to the given shares of normal impulses, (n,).
 
-        Args:
-            start: velocities of the rows with these shares, (n,).
-            given: shares, (h,).
-            twice: contacts with a share and friction, which are taken twice.
+        The velocities at the start, (n,), are those with these shares, (h,); contacts with a share and friction are
+        taken twice.
         """
         n, nv = self._rows.shape
         copies = np.concatenate([self._first[i] + np.arange(int(self._sizes[i])) for i in twice])

@@ -85,18 +85,17 @@ class Routh(ContactCoefficients, Law):
         impulse = np.zeros(len(gamma))
         for i in np.flatnonzero((gamma[:h] < 0.0) & (c.gradient_norms > 0.0)):
             own = np.flatnonzero(owner == i)
-            impulse[own] = self._one(rows[own], gamma[own], mu[own[1:] - h], float(e[i]))
+            G, along = rows[own] @ rows[own].T, mu[own[1:] - h]
+            if len(along):
+                phases = phases_of(G, gamma[own[1:]], along, -float(gamma[i]))
+                impulse[own] = impulses(G, gamma[own], phases, float(e[i]), self.hypothesis)
+            else:
+                impulse[i] = -(1.0 + e[i]) * gamma[i] / G[0, 0]
         jump = impulse @ rows
         if not len(mu):
             return Impact(c, c.pre_velocity + c.metric.unwhiten(jump), impulse[:h])
         scaled = np.concatenate([impulse[:h], impulse[h:] / mu])[c.cone_rows.order]
         return FrictionImpact.of_cones(c, scaled, jump)
-
-    def _one(self, rows: np.ndarray, gamma: np.ndarray, mu: np.ndarray, e: float) -> np.ndarray:
-        G = rows @ rows.T
-        if len(mu) == 0:
-            return np.array([-(1.0 + e) * gamma[0] / G[0, 0]])
-        return impulses(G, gamma, phases_of(G, gamma[1:], mu, -float(gamma[0])), e, self.hypothesis)
 
 
 def _check_free(collision: Collision, gamma: np.ndarray) -> None:
@@ -112,8 +111,6 @@ def _check_free(collision: Collision, gamma: np.ndarray) -> None:
 
 def _check_apart(collision: Collision, rows: np.ndarray, owner: np.ndarray) -> None:
     """Refuse contacts that influence each other."""
-    if len(collision.labels) < 2:
-        return
     lengths = np.linalg.norm(rows, axis=1)
     coupled = np.abs(rows @ rows.T) > INFLUENCE * np.outer(lengths, lengths)
     pairs = np.argwhere(coupled & (owner[:, None] != owner))

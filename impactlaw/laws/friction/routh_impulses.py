@@ -85,9 +85,8 @@ def phases_of(G: np.ndarray, slip: np.ndarray, mu: np.ndarray, approach: float) 
 def impulses(G: np.ndarray, gamma: np.ndarray, phases: Iterable[Phase], e: float, hypothesis: Hypothesis) -> np.ndarray:
     """Return normal and tangential impulse at the end of restitution, (1 + k,).
 
-    Compression ends where ``gamma_n = 0``, at N_c. Restitution ends at ``(1 + e) N_c`` (Poisson), or where the normal
-    impulse has given back ``e^2`` of the work it has taken (Stronge), or where the kinetic energy is that before. A
-    contact that jams as it stops, as that of a body on a hinge can, gives nothing back: further impulse moves nothing.
+    Where restitution ends is told with `Routh`; at the latest it is where the kinetic energy is that before. A contact
+    that jams as it stops, as that of a body on a hinge can, gives nothing back: further impulse moves nothing.
 
     Args:
         G: Delassus matrix, normal row first, (1 + k, 1 + k).

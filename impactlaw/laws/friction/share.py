@@ -10,10 +10,8 @@ SEARCHES = 60
 """Shares that are tried."""
 FOUND, SOLVABLE = 1e-10, 0.03
 """Widths of the bracket of s that are narrow enough, the second where beyond the bracket no impact was found."""
-CLOSE = 1e-11
-"""Energy lost, relative to the one before, that is as good as none."""
-AIM = 0.5 * CLOSE
-"""What a search aims at: a little is lost, so that what it finds is on the right side."""
+AIM = 5e-12
+"""Energy lost, relative to the one before, that a search aims at: what it finds is then on the right side."""
 
 
 def next_share(

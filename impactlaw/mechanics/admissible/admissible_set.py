@@ -49,10 +49,7 @@ class AdmissibleSet:
 
     def __post_init__(self):
         if not hasattr(type(self.collision), "admissible_set"):  # `Collision` is not known here
-            raise InvalidCollisionError(
-                f"S(v-) is that of a Collision, got {self.collision!r:.100}; Collision(mass, jacobian, velocity) makes "
-                "one"
-            )
+            raise InvalidCollisionError(f"S(v-) is that of a Collision, got {self.collision!r:.100}")
         if self.collision.friction is not None:
             raise InvalidCollisionError(
                 "S(v-) is for contacts without friction; FrictionImpact.violations covers those with it"

@@ -59,9 +59,8 @@ class CappedPolyhedron:
     def extreme(self, direction: np.ndarray) -> np.ndarray:
         """Return a point x of the set with the largest ``direction^T x``, shape (r,); direction has length one.
 
-        With the ball's multiplier ``beta > 0``, ``direction - beta (x - center)`` is normal to the polyhedron at x.
-        So x is the polyhedron's point nearest to ``center + direction / beta``. The limit ``beta = 0`` gives a
-        maximiser over the whole polyhedron.
+        As in `nearest`, x is the polyhedron's point nearest to ``center + direction / beta``; the limit ``beta = 0``
+        gives a maximiser over the whole polyhedron.
         """
         return self._last_in_ball(self.center, direction, 0.0, np.inf)
 

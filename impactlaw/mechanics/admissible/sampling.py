@@ -31,10 +31,7 @@ def generator_of(rng: np.random.Generator | int) -> np.random.Generator:
 
 
 def uniform_samples(body: CappedPolyhedron, n: int, rng: np.random.Generator) -> np.ndarray:
-    """Return n points, uniform in the set within its affine hull and independent, shape (n, r).
-
-    They are the points of the set among uniform ones of its ball, and, where these are too few, ends of chains.
-    """
+    """Return n points, uniform in the set within its affine hull and independent, shape (n, r)."""
     found = _rejection(body, n, rng)
     missing = n - len(found)
     return np.vstack([found, _chains(body, missing, rng)]) if missing else found
@@ -79,8 +76,7 @@ def _chains(body: CappedPolyhedron, n: int, rng: np.random.Generator) -> np.ndar
 def _inner_simplex(body: CappedPolyhedron, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Return a point in the relative interior of the set, and as many of its chords as it has dimensions, (d, r).
 
-    Each chord is the longest step along a direction orthogonal to the chords before it and to the directions in which
-    the set turned out to be flat.
+    Each is the longest step along a direction orthogonal to those before it, flat ones included.
     """
     r = len(body.center)
     points, edges, done = [body.inside], [], np.zeros((0, r))

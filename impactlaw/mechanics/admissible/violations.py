@@ -48,10 +48,7 @@ class Violations:
 
 
 def measured(c: Any, jump: np.ndarray, after: np.ndarray, kinetic: float, gain: float, speed: float) -> Violations:
-    """Return the violations of an outcome of a `Collision`.
-
-    From the jump ``R^T (v+ - v-)``, (nv,), from ``gamma+``, (h,), and from what `pushed` returns; speed is the scale.
-    """
+    """Return the violations of a jump ``R^T (v+ - v-)`` and of ``gamma+``, with what `pushed` returns and the scale."""
     before = c.relative_velocity
     z = before + jump
     speeds = sqrt(z @ z) + sqrt(before @ before)

@@ -22,8 +22,7 @@ def least_distance(problem: Problem) -> Solution:
     """
     Y, c = problem.unit
     h, nv = Y.shape
-    wanted = np.zeros(nv + 1)
-    wanted[nv] = 1.0
+    wanted = np.append(np.zeros(nv), 1.0)
     t = float(c.max(initial=0.0))
     if t <= 0.0:
         return Solution(np.zeros(h))

@@ -27,9 +27,8 @@ def nnls(problem: Problem) -> Solution:
         d = least_squares(Y, c)
         if np.abs(Y @ d - c).max(initial=0.0) > IN_RANGE * max(problem.scale, float(np.linalg.norm(d))):
             return Solution(np.zeros_like(c), Status.STOPPED)
-    lengths = problem.lengths
     try:
-        impulse, _ = scipy.optimize.nnls(problem.unit[0].T, d, maxiter=_NNLS_CHANGES * len(lengths))
+        impulse, _ = scipy.optimize.nnls(problem.unit[0].T, d, maxiter=_NNLS_CHANGES * len(problem.bound))
     except RuntimeError:  # how scipy says that these changes of the active set were not enough
-        return Solution(np.zeros_like(lengths), Status.STOPPED)
-    return Solution(impulse / lengths)
+        return Solution(np.zeros_like(problem.bound), Status.STOPPED)
+    return Solution(impulse / problem.lengths)

@@ -23,9 +23,7 @@ def primal_dual_active_set(problem: Problem) -> Solution:
     On the active contacts ``G Lambda = c``, on the others ``Lambda = 0``; then those with ``Lambda < 0`` leave and
     those with ``Y z < c`` enter; when that makes the guess no better, projected gradients give another one. Where
     active gradients depend on each other, proximal points ``(G + s) Lambda' = c + s Lambda``, found the same way, lead
-    to a solution. Residuals are computed through Y, not through G.
-
-    ``Status.STOPPED`` when the bounds on changes and steps are reached.
+    to a solution. Residuals are computed through Y, not through G. Changes and steps are bounded: ``Status.STOPPED``.
     """
     h = len(problem.bound)
     if h == 0 or not (problem.bound > 0).any():
@@ -53,7 +51,7 @@ class _Search:
         """Return the impulses, (h,), or None."""
         active = np.ones(len(self.bound), dtype=bool)
         settled = self._settle(active, 0.0, self.bound)
-        if settled is not None and _length(np.minimum(*settled)) <= REACHED * self.scale:
+        if settled is not None and np.linalg.norm(np.minimum(*settled)) <= REACHED * self.scale:
             return settled[0]
         best, least, shift, worse = None, inf, SHIFTS[0], 0
         before = np.zeros_like(self.bound)
@@ -63,7 +61,7 @@ class _Search:
                 break
             before = settled[0]
             active = before > 0
-            error = _length(np.minimum(before, self._slack(before, self.bound, 0.0)))
+            error = np.linalg.norm(np.minimum(before, self._slack(before, self.bound, 0.0)))
             worse = 0 if error < 0.5 * least else worse + 1
             if error < least:
                 best, least = before, error
@@ -74,8 +72,7 @@ class _Search:
 
     def _settle(self, active: np.ndarray, shift: float, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """Return ``Lambda >= 0  ⊥  (G + shift) Lambda - wanted >= 0``, both; None if singular or not found."""
-        fewest, patience, rounding = len(wanted) + 1, _PATIENCE, SIGNLESS * self.scale
-        helped = False
+        fewest, patience, helped = len(wanted) + 1, _PATIENCE, False
         for _ in range(_GUESSES):
             factor = self.U.factor(active, shift)
             if factor is None or (shift == 0.0 and factor.least_pivot < SINGULAR):
@@ -86,7 +83,7 @@ class _Search:
             if signed.min() > -DOUBTFUL * self.scale or factor.least_pivot < ILL:
                 impulse, slack = self._refined(factor, active, impulse, wanted, shift)
                 signed = np.where(active, impulse, slack)
-            wrong = signed < -rounding
+            wrong = signed < -SIGNLESS * self.scale
             count = np.count_nonzero(wrong)
             if count == 0:
                 return impulse, slack
@@ -123,13 +120,13 @@ class _Search:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return better impulses that solve the system on the active contacts, and the slack of all contacts."""
         slack = self._slack(impulse, wanted, shift)
-        error = _length(slack * active)
+        error = np.linalg.norm(slack * active)
         for _ in range(_REFINEMENTS):
             if error <= SIGNLESS * self.scale:
                 break
             better = impulse - factor.solve(slack)
             following = self._slack(better, wanted, shift)
-            left = _length(following * active)
+            left = np.linalg.norm(following * active)
             if left < error:
                 impulse, slack = better, following
             if not left < 0.5 * error:
@@ -140,7 +137,3 @@ class _Search:
     def _slack(self, impulse: np.ndarray, wanted: np.ndarray, shift: float) -> np.ndarray:
         """Return ``(G + shift) Lambda - wanted``, (h,)."""
         return self.U.product(impulse) - wanted + shift * impulse
-
-
-def _length(vector: np.ndarray) -> float:
-    return sqrt(vector @ vector)
