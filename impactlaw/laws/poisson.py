@@ -20,8 +20,7 @@ from impactlaw.solvers.problem import row_lengths
 from impactlaw.solvers.tolerances import CERTIFIED, GOOD
 
 _REFINEMENTS = 3
-_RANKS = (1e-13, 1e-11, 1e-9)
-"""Singular values, relative to the largest, up to which a direction is rounding: tried in turn, for one decides."""
+_RANKS = (1e-13, 1e-11, 1e-9)  # singular values, relative to the largest, that are tried as those of rounding
 
 
 @dataclass(frozen=True, repr=False)

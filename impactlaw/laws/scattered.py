@@ -81,8 +81,7 @@ class Scattered(DrawnLaw):
 
         Raises:
             RestitutionError: the covariance or the law is for another number of contacts.
-            InvalidCollisionError: it is no `Collision`, n is no whole number, or negative, or rng neither a generator
-                nor a seed.
+            InvalidCollisionError: it is no `Collision`, or n and rng are not those of `AdmissibleSet.sample`.
         """
         check_number(n)
         generator = generator_of(rng)

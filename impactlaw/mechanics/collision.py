@@ -183,11 +183,7 @@ class Collision:
 
     @cached_property
     def dense_gradients(self) -> np.ndarray:
-        """``Y`` as an array, shape (h, nv), for what has no sparse form.
-
-        Raises:
-            InvalidCollisionError: it is sparse and too large for that.
-        """
+        """``Y`` as an array, (h, nv), for what has no sparse form; `InvalidCollisionError` where it is too large."""
         Y: Any = self.whitened_jacobian
         if not is_sparse(Y):
             return Y

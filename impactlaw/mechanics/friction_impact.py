@@ -52,7 +52,7 @@ class FrictionImpact(Impact):
     ) -> FrictionImpact:
         """Return the impact of an impulse of the cone problem, (h + k,), and its jump ``R^T (v+ - v-)``, (nv,).
 
-        The targets are the normal and the sliding velocities aimed at; more are other attributes.
+        The targets are the normal and the sliding velocities aimed at; more is what else the class takes.
         """
         friction, h = _friction(collision), len(collision.labels)
         parts = np.empty(len(impulse))

@@ -66,10 +66,9 @@ def groups_of(problem: ConeProblem, ties: np.ndarray | None) -> list[np.ndarray]
 
 
 def ties_of(law: Law, collision: Collision) -> np.ndarray | None:
-    """Return whether the target of a contact depends on the velocity of another, bool (h, h).
+    """Return whether the target of a contact depends on the velocity of another, bool (h, h): all may if unknown.
 
-    None if none does, or only of those that influence each other anyway. Of a law that is not one coefficient per
-    contact, and has no matrix, all may.
+    None if none does, or only of those that influence each other anyway.
     """
     law = law.normal_law
     if law.common_coefficient is not None or isinstance(law, ContactCoefficients | Compliant):

@@ -55,12 +55,8 @@ def phases_of(G: np.ndarray, slip: np.ndarray, mu: np.ndarray, approach: float) 
 
     ``dN = |gamma_t| ds`` makes the way to the stop smooth: Runge and Kutta's steps of order four in s, and friction of
     each is the mean over it. What is left once slip does not turn any more, as with one tangential direction, is one.
-
-    Args:
-        G: Delassus matrix, normal row first, (1 + k, 1 + k).
-        slip: ``gamma_t-``, (k,).
-        mu: coefficients, (k,).
-        approach: ``-gamma-`` of the normal, m/s.
+    The Delassus matrix G, (1 + k, 1 + k), has the normal row first; slip is ``gamma_t-``, (k,), with coefficients mu,
+    (k,), and approach ``-gamma-`` of the normal, m/s.
 
     Raises:
         SolverError: slip does not settle, in an impact that is far beyond any without friction.
@@ -87,13 +83,7 @@ def impulses(G: np.ndarray, gamma: np.ndarray, phases: Iterable[Phase], e: float
 
     Where restitution ends is told with `Routh`; at the latest it is where the kinetic energy is that before. A contact
     that jams as it stops, as that of a body on a hinge can, gives nothing back: further impulse moves nothing.
-
-    Args:
-        G: Delassus matrix, normal row first, (1 + k, 1 + k).
-        gamma: contact velocities before, normal first and negative, (1 + k,).
-        phases: what friction does.
-        e: coefficient of restitution.
-        hypothesis: "poisson" or "stronge".
+    The velocities before are gamma, (1 + k,), normal first and negative; phases are those of `phases_of`.
 
     Raises:
         SolverError: velocities, masses or coefficients are so large that their products are no finite numbers.

@@ -22,14 +22,9 @@ def next_share(
     The energy that is created is quadratic in s while the same contacts stick, slide and separate, and without friction
     no other terms than its square have a part in it: of two points, that at 0 is the vertex.
 
-    Args:
-        low: lower end of the bracket.
-        high: upper end.
-        third: the end that was replaced last; NaN if none was.
-        below: value there, negative; else it is of no use.
-        above: value at the upper end, positive; infinite if there is none.
-        beyond: value at the third point.
-        stalled: whether the last try was of little use.
+    The bracket is from low, with a value below 0, else of no use, to high, with one above 0, infinite if there is none.
+    The third point, with the value beyond, is the end that was replaced last, NaN if none was. It is the middle where
+    the last try was of little use: stalled.
     """
     width = high - low
     if stalled or not below < 0.0 or not above < 1e300:

@@ -37,9 +37,7 @@ def scene_law(model: mujoco.MjModel) -> Newton:
 def scene_restitution(model: mujoco.MjModel) -> float | None:
     """Return the coefficient that a scene carries for all contacts without one of their own; None if it has none.
 
-    Raises:
-        RestitutionError: as `scene_law`, but for scenes without restitution.
-        UnknownNameError: as `scene_law`.
+    It raises what `scene_law` does, but not where the scene names no restitution.
     """
     return _coefficients(model)[1]
 

@@ -62,10 +62,7 @@ def is_pattern(key: str) -> bool:
 
 
 def matches(pattern: str, label: str) -> bool:
-    """Return whether a pattern is of this contact or limit.
-
-    Names that have slashes themselves are told apart in every way that they can be.
-    """
+    """Return whether a pattern is of this contact or limit, with names that have slashes cut in any way."""
     pairs, wanted = tuple(_pairs(label)), tuple(_pairs(pattern))
     if fnmatchcase(label, pattern) or any(fnmatchcase(name, pattern) for pair in pairs for name in pair):
         return True
@@ -134,8 +131,7 @@ def check_labels(used: Iterable[str], known: tuple[str, ...], *, patterns: bool 
     """Compare the labels, or patterns if a law knows them, that it uses with all that the scene can have.
 
     Raises:
-        UnknownNameError: a label that no contact of the scene can have, or a pattern that none matches; names the
-            nearest ones.
+        UnknownNameError: no contact of the scene can have a label, or matches a pattern; names the nearest ones.
     """
     exact = {canonical(label) for label in known}
     exact |= {form for label in known if is_pattern(label) for form in _forms(label)}

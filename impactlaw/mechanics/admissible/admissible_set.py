@@ -30,7 +30,7 @@ class AdmissibleSet:
 
     `contains` works for any collision. The rest needs the facets of the cone of the gradients, and raises
     `EnumerationError` where contacts are so redundant that there are too many (`cone.MAX_FACETS`): 16 contacts of rank
-    12 are still listed. A velocity or direction that does not fit, or is not finite, raises `InvalidCollisionError`.
+    12 are still listed. A velocity, direction or tolerance that does not fit raises `InvalidCollisionError`.
 
     Results are accurate to rounding, relative to ``|v-|``, times the condition number of the gradients of unit length.
     Where that leaves no digits, `SolverError` is raised.
@@ -61,11 +61,7 @@ class AdmissibleSet:
             )
 
     def contains(self, v: ArrayLike, tol: float = 1e-9) -> bool:
-        """Whether v is in S: its distances to the three sets that S is made of are at most ``tol |v-|``.
-
-        Raises:
-            InvalidCollisionError: v is no velocity, or tol no number.
-        """
+        """Whether v is in S: its distances to the three sets that S is made of are at most ``tol |v-|``."""
         c, v = self.collision, self.collision.velocity(v, "v")
         jump = c.metric.whiten(v - c.pre_velocity)
         impulse = nonnegative_combination(c.whitened_jacobian, jump)

@@ -65,13 +65,10 @@ class CappedPolyhedron:
         return self._last_in_ball(self.center, direction, 0.0, np.inf)
 
     def farthest(self) -> np.ndarray:
-        """Return a point of the set farthest from the origin, shape (r,), by looking at every face.
+        """Return a point of the set farthest from the origin, (r,); `EnumerationError` where faces are too many.
 
         ``|x|^2`` is convex, so the point is a vertex, or on the sphere, where ``|x|^2 = 2 center^T x`` is linear and
         has two stationary points per face (or is constant there, and then any point will do).
-
-        Raises:
-            EnumerationError: more than `MAX_FACES` sets of constraints.
         """
         r, met, count = len(self.center), [], 0
         for i, normal in enumerate(self.normals):

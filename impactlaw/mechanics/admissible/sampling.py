@@ -53,12 +53,11 @@ def _rejection(body: CappedPolyhedron, n: int, rng: np.random.Generator) -> np.n
 
 
 def _chains(body: CappedPolyhedron, n: int, rng: np.random.Generator) -> np.ndarray:
-    """Return n points, (n, r).
+    """Return n points, (n, r), each the end of a hit-and-run chain of its own (R. L. Smith 1984).
 
-    Each is the end of a hit-and-run chain of its own (R. L. Smith 1984): a random direction, then a uniform point of
-    the chord, over and over. Chains before these measure the shape of the set, so that directions are as likely to
-    be long as the set is long. ``20 + 10 d`` steps in d dimensions: with 20 000 samples of an orthant of the
-    ball, Kolmogorov's test sees nothing up to d = 12.
+    That is a random direction, then a uniform point of the chord, over and over. Chains before these measure the shape
+    of the set, so that directions are as likely to be long as the set is long. ``20 + 10 d`` steps in d dimensions:
+    with 20 000 samples of an orthant of the ball, Kolmogorov's test sees nothing up to d = 12.
     """
     middle, edges = _inner_simplex(body, rng)
     d = len(edges)

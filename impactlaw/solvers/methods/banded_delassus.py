@@ -9,8 +9,7 @@ import scipy
 
 from impactlaw.solvers.problem import Problem
 
-_MOST = 4e7
-"""Largest number of stored entries of the band; a factor of that size takes some seconds."""
+_MOST = 4e7  # stored entries of the band; a factor of that size takes some seconds
 
 
 class BandedDelassus:
