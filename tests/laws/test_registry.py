@@ -7,7 +7,7 @@ import pytest
 from problems import launched
 from scenes import compiled
 
-from impactlaw import Collision, Friction, Stepper, make_law
+from impactlaw import Collision, Coulomb, Friction, Moreau, Newton, Stepper, make_law
 from impactlaw.errors import RestitutionError, UnknownNameError
 from impactlaw.laws import DESCRIPTIONS, LAWS, portable
 from impactlaw.laws.registry import takes_restitution
@@ -106,3 +106,12 @@ def test_what_is_no_name_of_a_law(name):
     for use in (make_law, takes_restitution):
         with pytest.raises(UnknownNameError, match="law"):
             use(name)
+
+
+def test_friction_asks_the_normal_law_which_contacts_it_is_for():
+    law = Coulomb(Newton({"b/a": 0.5, "*foot*": 0.2}, default=0.0))
+    assert (law.contact_labels, law.contact_count) == ({"a/b", "*foot*"}, None)
+    law = Coulomb(Newton([0.5, 0.2]))
+    assert (law.contact_labels, law.contact_count) == (frozenset(), 2)
+    law = Coulomb(Moreau(0.5))
+    assert (law.contact_labels, law.contact_count) == (frozenset(), None)
