@@ -21,6 +21,15 @@ _SURROUNDINGS = (
     "pair_friction", "pair_solref", "pair_solimp", "eq_data", "eq_solref", "eq_solimp", "geom_surfacevel", "geom_fluid",
     "hfield_size", "hfield_data",
 )  # fmt: skip
+_REST = (
+    "body_ipos", "body_iquat", "body_gravcomp", "body_invweight0", "geom_quat", "geom_contype", "geom_conaffinity",
+    "geom_priority", "geom_solmix", "geom_gap", "geom_adhesion", "jnt_pos", "jnt_axis", "jnt_limited", "jnt_margin",
+    "jnt_actfrclimited", "jnt_actfrcrange", "jnt_stiffnesspoly", "qpos_spring", "dof_dampingpoly", "dof_invweight0",
+    "actuator_ctrllimited", "actuator_ctrlrange", "actuator_forcelimited", "actuator_forcerange", "actuator_dynprm",
+    "actuator_damping", "actuator_armature", "tendon_range", "tendon_stiffness", "tendon_damping",
+    "tendon_frictionloss", "tendon_armature", "tendon_lengthspring", "tendon_limited", "eq_active0",
+)  # fmt: skip
+"""Further fields, as for `_SURROUNDINGS`."""
 _OPTIONS = (
     "wind", "density", "viscosity", "magnetic", "cone", "impratio", "disableflags", "solver", "iterations", "tolerance",
 )  # fmt: skip
@@ -51,6 +60,7 @@ def how_made(options: LawOptions, model: mujoco.MjModel, timesteps: int | None) 
         "impulse_in_cfrc_ext": options.impulse_in_cfrc_ext,
         "parameters of the model": _digest(model, _PARAMETERS, ("gravity",)),
         "contact, air and ground of the model": _digest(model, _SURROUNDINGS, _OPTIONS),
+        "centres of mass, axes, ranges and tendons of the model": _digest(model, _REST, ("enableflags",)),
     }
 
 

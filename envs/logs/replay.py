@@ -25,9 +25,9 @@ def restart(env: gymnasium.Env, episode: Episode, *, allow_law_changes: bool = F
 
     An environment that was made otherwise than the recorded one, as far as the recording tells, is refused: its name,
     options of the law, timesteps and integrator, where it starts, and of its model masses, sizes, friction, joints,
-    actuators, gravity, contact parameters, wind, density, viscosity, height fields and what is disabled (meshes and
-    tendons, say, are not compared). So is an episode in which the law was set, since its actions alone do not lead
-    through its states.
+    actuators, tendons, gravity, contact parameters, wind, density, viscosity, height fields and what is disabled
+    (meshes and sites, say, are not compared). So is an episode in which the law was set, since its actions alone do
+    not lead through its states.
 
     Args:
         env: the environment, one of this package or with an `ImpactLaw` on it.

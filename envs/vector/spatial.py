@@ -80,17 +80,20 @@ class Spatial(Robot):
         self._parts = [batch.bind(name) for name in parts if getattr(self._env, f"_include_{name}_in_observation")]
         tendons = () if self._ant else ("length", "velocity")
         self._tendons = {f"tendon_{name}": batch.bind(f"ten_{name}") for name in tendons}
-        self._where = np.zeros((batch.nsim, 2))
 
     def start(self, world: int, rng: np.random.Generator) -> None:
         """Draw a state about the first one."""
         super().start(world, rng)
         self._batch.forward([world])
-        self._force[world], self._where[world] = 0.0, self._positions(np.array([world]))[0]
+        self._force[world] = 0.0
 
     def _positions(self, worlds: np.ndarray) -> np.ndarray:
-        """Return where robots are, (n, 2)."""
-        return np.einsum("b,nbj->nj", self._share, self._places[worlds, :, :2])
+        """Return where robots are, (n, 2): that of their trunk, or of their centre of mass."""
+        places, mass = self._places[worlds, :, :2], None if self._ant else self._batch.expanded("body_mass")
+        if mass is None:
+            return np.einsum("b,nbj->nj", self._share, places)
+        mass = mass[worlds]  # worlds whose bodies have masses of their own
+        return np.einsum("nb,nbj->nj", mass / mass.sum(axis=1, keepdims=True), places)
 
     def observe(self) -> np.ndarray:
         """Return observations of all worlds."""
@@ -108,11 +111,11 @@ class Spatial(Robot):
 
     def step(self, worlds: np.ndarray, action: np.ndarray) -> Outcome:
         """Take one step of the environment in some worlds."""
-        env, before = self._env, self._where[worlds]
+        env, before = self._env, self._positions(worlds)
         diverged = self._advance(worlds, action)
-        stepped = worlds[~diverged]
-        self._force[stepped], self._where[stepped] = self._felt[stepped], self._positions(stepped)
-        velocity = (self._where[worlds] - before) / env.dt
+        stepped, after = worlds[~diverged], before.copy()
+        self._force[stepped], after[~diverged] = self._felt[stepped], self._positions(stepped)
+        velocity = (after - before) / env.dt
         healthy = self._is_healthy(worlds)
         forward, alive = env._forward_reward_weight * velocity[:, 0], env._healthy_reward * healthy
         used = action if self._ant else self._ctrl[worlds]

@@ -53,7 +53,8 @@ class Batch:
         rest_speed: see `Stepper`.
 
     Attributes:
-        model: the scene.
+        model: the scene, as the worlds were made of it. They do not see what is changed in it later, such as masses or
+            gravity: `expand` a field to change it.
         state: MuJoCo's state rows, (nsim, nstate), to be written.
         law: the law of each world; set it as `set_law` does.
         restitution: e of each world, (nsim,), to be written; NaN where a law has more than one.
@@ -224,6 +225,10 @@ class Batch:
         found = self._fields.expand(name)
         self._worlds.expand(name)
         return found
+
+    def expanded(self, name: str) -> np.ndarray | None:
+        """Return what `expand` has returned for a field, or None if all worlds have that of the model."""
+        return self._fields.expanded(name)
 
     def step(self, ids: Sequence[int] | None = None, nstep: int = 1) -> None:
         """Take steps of some worlds, or all.

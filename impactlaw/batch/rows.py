@@ -47,7 +47,21 @@ class Fields:
 
     def expand(self, name: str) -> np.ndarray:
         """Return a field of mjModel that each world has for itself from now on, (nsim, ..)."""
+        self._check_no_option(name)
         return self._array("mjb_expand", name, self._model, "field of mjModel", writeable=True)
+
+    def expanded(self, name: str) -> np.ndarray | None:
+        """Return what `expand` has returned, or None if it was not asked for this field."""
+        return self._known.get(("mjb_expand", name))
+
+    def _check_no_option(self, name: str) -> None:
+        option = name.removeprefix("opt.")
+        if hasattr(self._model.opt, option) and not hasattr(self._model, option):
+            instead = "; or expand body_gravcomp, the part of its weight that a body does not feel"
+            raise UnsupportedError(
+                f"{option} is an option of the model, which all worlds of a batch have in common, as it was when the "
+                f"batch was made: make a batch for each value{instead if option == 'gravity' else ''}"
+            )
 
     def write(self, world: int, data: Any) -> None:
         """Let the bound fields of a world that are no parts of its state be those of data."""

@@ -122,6 +122,10 @@ def test_fields_that_worlds_cannot_have(batch):
         batch.bind("efc_force")
     with pytest.raises(UnsupportedError, match=r"'mesh_vert' is a field of mjModel, but"):
         batch.expand("mesh_vert")
+    with pytest.raises(UnsupportedError, match=r"timestep is an option .* make a batch for each value$"):
+        batch.expand("timestep")
+    with pytest.raises(UnsupportedError, match=r"gravity is an option .* or expand body_gravcomp"):
+        batch.expand("opt.gravity")
     with pytest.raises(UnknownNameError):
         batch.bind("ncon")
 

@@ -202,8 +202,23 @@ def test_another_environment_of_gymnasium_is_refused(options, message, tmp_path)
         (lambda model: setattr(model.opt, "viscosity", 0.1), "ground of the model="),
         (lambda model: model.geom_solimp.__imul__(0.9), "ground of the model="),
         (lambda model: model.jnt_solref.__imul__(2.0), "ground of the model="),
+        (lambda model: model.body_ipos.__iadd__(0.01), "tendons of the model="),
+        (lambda model: model.actuator_ctrlrange.__imul__(0.5), "tendons of the model="),
+        (lambda model: model.qpos_spring.__iadd__(0.1), "tendons of the model="),
     ],
-    ids=["timestep", "integrator", "mass", "gravity", "wind", "viscosity", "solimp", "solref of joints"],
+    ids=[
+        "timestep",
+        "integrator",
+        "mass",
+        "gravity",
+        "wind",
+        "viscosity",
+        "solimp",
+        "solref of joints",
+        "centre of mass",
+        "range of controls",
+        "rest of springs",
+    ],
 )
 def test_another_model_is_refused(change, message, tmp_path):
     env = hopper(log=tmp_path / "run.rrd")

@@ -75,6 +75,26 @@ def test_observations_rewards_and_ends_are_gymnasiums(name: str, contact_model: 
     assert felt < -1e-3 or name not in IN_SPACE
 
 
+@pytest.mark.parametrize("name", IN_SPACE)
+def test_masses_of_a_world_of_its_own(name: str):
+    """Humanoid is where its centre of mass is: worlds had that of the masses of their model, and its reward."""
+    worlds = make(name, 2, restitution=0.3, nthread=1)
+    masses = worlds.batch.expand("body_mass")
+    masses[1] *= np.linspace(0.3, 3.0, masses.shape[1])
+    alone = Alone(name, 0.3, "rigid")
+    alone.env.model.body_mass[:] = masses[1]
+    worlds.reset(seed=[0, 3])
+    alone.env.reset(seed=3)
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        action = rng.uniform(-0.4, 0.4, worlds.action_space.shape).astype(np.float32)
+        observed, reward, _, _, info = worlds.step(action)
+        mine, gain, _, _, told = alone.env.step(action[1])
+        np.testing.assert_allclose(observed[1], mine, atol=1e-9)
+        assert reward[1] == pytest.approx(gain, abs=1e-9)
+        assert info["x_velocity"][1] == pytest.approx(told["x_velocity"], abs=1e-9)
+
+
 def test_episodes_are_truncated_and_begin_anew():
     worlds = make("HalfCheetah-v5", 2, max_episode_steps=5)
     assert worlds.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
