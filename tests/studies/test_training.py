@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from impactlaw.errors import MissingExtraError, StudyError, UnsupportedError
+from impactlaw.laws import Moreau
 from impactlaw.studies import Study, run
 from impactlaw.studies.environments import Conditions
 from impactlaw.studies.laws import read_law
@@ -150,6 +151,19 @@ def test_worlds_draw_a_law_for_each_episode():
     while not over.any():
         _, _, over, _ = worlds.step(np.ones((4, 3), np.float32))
     assert ((worlds.get_attr("batch")[0].restitution != first) == over).all()
+
+
+@needs_training
+def test_attributes_of_worlds_are_their_own():
+    """Each had the laws of all, and None for what there is not."""
+    from impactlaw.studies.policies.worlds import Worlds
+
+    worlds = Worlds(gymnasium.make_vec("impactlaw/Hopper-v5", 3, law=[Moreau(0.1), Moreau(0.2), Moreau(0.3)]))
+    assert worlds.get_attr("law", [2, 0]) == [Moreau(0.3), Moreau(0.1)]
+    assert worlds.get_attr("restitution") == [0.1, 0.2, 0.3]
+    with pytest.raises(AttributeError, match="laws"):
+        worlds.get_attr("laws")
+    worlds.close()
 
 
 @needs_training

@@ -37,7 +37,7 @@ class Worlds(VecEnv):
     """Worlds of one task as stable-baselines3 takes them: one whose episode has ended is reset in the same step."""
 
     def __init__(self, worlds: VectorEnv[Any, Any, Any]):
-        self._worlds = worlds
+        self._worlds: Any = worlds
         self._actions = np.zeros(0)
         super().__init__(worlds.num_envs, worlds.single_observation_space, worlds.single_action_space)
 
@@ -67,8 +67,13 @@ class Worlds(VecEnv):
         self._worlds.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Return an attribute of the worlds, once for each."""
-        return [getattr(self._worlds, attr_name, None) for _ in self._get_indices(indices)]
+        """Return an attribute of each of some worlds, or of all: its own law and restitution, else that of all.
+
+        Raises:
+            AttributeError: worlds have no such attribute.
+        """
+        found = self._worlds.get_attr(attr_name)
+        return [found[i] for i in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Refuse: the worlds of a training are settled when they are made."""
