@@ -25,8 +25,9 @@ class Routh(ContactCoefficients, Law):
     stick or reverse on the way, and the contact may jam. Compression ends where ``gamma_n = 0``, at N_c. Restitution
     ends at ``N = (1 + e) N_c`` (Poisson's hypothesis), or where the normal impulse has given back ``e^2`` of the work
     it has taken (Stronge's). With one tangential direction the outcome is in closed form; with two, slip turns, and the
-    equation is integrated along the way (E. Routh, *Dynamics of a System of Rigid Bodies*, 1905, art. 187; J. Keller,
-    J. Appl. Mech. 53, 1986; Y. Wang and M. Mason, J. Appl. Mech. 59, 1992; W. Stronge, Proc. R. Soc. A 431, 1990).
+    equation is integrated along the way, to some 1e-7 of the speed (E. Routh, *Dynamics of a System of Rigid Bodies*,
+    1905, art. 187; J. Keller, J. Appl. Mech. 53, 1986; Y. Wang and M. Mason, J. Appl. Mech. 59, 1992; W. Stronge,
+    Proc. R. Soc. A 431, 1990).
 
     No energy is created: friction takes it at every instant, and restitution ends at the latest where the kinetic
     energy is that before, which Poisson's hypothesis can reach where slip changes.

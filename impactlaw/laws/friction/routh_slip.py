@@ -13,6 +13,7 @@ _RELATIVE = 1e-8  # the same, relative to the slip of now
 _STRAIGHT = 1e-10  # turn of slip, relative to the fastest rate, that counts as none: the rest is one step
 _STOPPED = 1e-9  # slip, relative to that before, that counts as none
 _MOST = 20_000
+_PLACES = 8  # of Newton's method for the step that takes some normal impulse
 
 
 @compiled()
@@ -26,8 +27,9 @@ def _friction(slip, mu):
 
 @compiled()
 def _stepped(Gn, Gt, mu, slip, ds):
-    """Return slip, normal impulse and friction impulse after Runge and Kutta's step of order four."""
+    """Return slip, normal impulse N, friction impulse T and ``int T dN`` after Runge and Kutta's step of order four."""
     u, done, impulse, change = slip, 0.0, np.zeros(len(mu)), np.zeros(len(mu))
+    so_far, moment = np.zeros(len(mu)), np.zeros(len(mu))
     for stage in range(4):
         size = np.sqrt((u * u).sum())
         f = -size * _friction(u, mu) if size > 0.0 else np.zeros(len(mu))
@@ -35,22 +37,41 @@ def _stepped(Gn, Gt, mu, slip, ds):
         weight = ds / 6.0 if stage == 0 or stage == 3 else ds / 3.0
         done += weight * size
         impulse += weight * f
+        moment += weight * size * so_far
         change += weight * rate
-        u = slip + (ds if stage == 2 else 0.5 * ds) * rate
-    return slip + change, done, impulse
+        ahead = ds if stage == 2 else 0.5 * ds
+        u, so_far = slip + ahead * rate, ahead * f
+    return slip + change, done, impulse, moment
+
+
+@compiled()
+def part_of(G, mu, slip, ds, length):
+    """Return the part of a step that takes a normal impulse of this length, and what `_stepped` returns for it."""
+    Gt, Gn = np.ascontiguousarray(G[1:, 1:]), np.ascontiguousarray(G[1:, 0])
+    whole = _stepped(Gn, Gt, mu, slip, ds)
+    if length >= whole[1]:
+        return ds, whole[0], whole[1], whole[2], whole[3]
+    part = ds * length / whole[1]
+    for _ in range(_PLACES):
+        after, done, _, _ = _stepped(Gn, Gt, mu, slip, part)
+        speed = max(np.sqrt((after * after).sum()), 1e-300)
+        part = min(max(part - (done - length) / speed, 0.1 * part), 0.5 * (part + ds))
+    after, done, impulse, moment = _stepped(Gn, Gt, mu, slip, part)
+    return part, after, done, impulse, moment
 
 
 @compiled()
 def sliding(G, slip, mu, approach, far):
-    """Return the ends of steps in normal impulse, (m,), and the mean friction over normal impulse in each, (m, k).
+    """Return steps, (m, 2 + 3 k), and whether slip has stopped after them.
 
-    They go on until slip has stopped, or normal impulse is ``far`` times what stops the approach without friction. The
-    third value is whether slip has stopped.
+    Of each: its end in normal impulse, its length ds, slip before it, its mean friction over normal impulse, and
+    `_stepped`'s ``int T dN`` beyond that of this mean. They go on until slip has stopped, or normal impulse is ``far``
+    times what stops the approach without friction. ds is 0 where slip does not turn any more.
     """
     k = len(mu)
     Gt, Gn = np.ascontiguousarray(G[1:, 1:]), np.ascontiguousarray(G[1:, 0])
     fastest = np.sqrt((Gt * Gt).sum()) * mu.max() + np.sqrt((Gn * Gn).sum())
-    ends, means = np.empty(_MOST), np.empty((_MOST, k))
+    steps = np.empty((_MOST, 2 + 3 * k))
     slip, first = slip.copy(), np.sqrt((slip * slip).sum())
     at, count, stopped, next_ds = 0.0, 0, first == 0.0, _FINE / fastest
     while count < _MOST - 2 and at < far * approach / G[0, 0] and not stopped:
@@ -62,20 +83,26 @@ def sliding(G, slip, mu, approach, far):
         rate = size * Gn + Gt @ f
         along = (rate * slip).sum() / size**2
         if np.sqrt(((rate - along * slip) ** 2).sum()) <= _STRAIGHT * fastest * size:
-            ends[count], means[count] = at - size / along if along < 0.0 else np.inf, f / size
-            return ends[: count + 1], means[: count + 1], True
+            steps[count] = 0.0
+            steps[count, 0] = at - size / along if along < 0.0 else np.inf
+            steps[count, 2 : 2 + k], steps[count, 2 + k : 2 + 2 * k] = slip, f / size
+            return steps[: count + 1], True
         while True:
             ds = min(next_ds, _SHARE * approach / (G[0, 0] * size))
-            whole, _, _ = _stepped(Gn, Gt, mu, slip, ds)
-            middle, done1, impulse1 = _stepped(Gn, Gt, mu, slip, 0.5 * ds)
-            end, done2, impulse2 = _stepped(Gn, Gt, mu, middle, 0.5 * ds)
+            whole, _, _, _ = _stepped(Gn, Gt, mu, slip, ds)
+            half = _stepped(Gn, Gt, mu, slip, 0.5 * ds)
+            rest = _stepped(Gn, Gt, mu, half[0], 0.5 * ds)
+            end = rest[0]
             error = np.sqrt(((whole - end) ** 2).sum()) / (_TOLERANCE * first + _RELATIVE * size)
             next_ds = ds * min(4.0, max(0.2, 0.9 * (error + 1e-30) ** -0.2))
             if not error > 1.0:
                 break
-        slip = end
-        ends[count], means[count] = at + done1, impulse1 / done1
-        at += done1 + done2
-        ends[count + 1], means[count + 1] = at, impulse2 / done2
-        count += 2
-    return ends[:count], means[:count], stopped
+        for taken in (half, rest):
+            after, done, impulse, moment = taken
+            at += done
+            steps[count, 0], steps[count, 1], steps[count, 2 : 2 + k] = at, 0.5 * ds, slip
+            steps[count, 2 + k : 2 + 2 * k] = impulse / done
+            steps[count, 2 + 2 * k :] = moment - 0.5 * done * impulse
+            slip = after
+            count += 1
+    return steps[:count], stopped
