@@ -5,9 +5,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.scene.tolerances import GIVEN_WAY, OWN_CONSTRAINT
+from impactlaw.scene.tolerances import GIVEN_WAY, OWN_CONSTRAINT, WRITTEN
 from impactlaw.solvers.least_squares import row_span
-from impactlaw.solvers.tolerances import RANK
 
 _CONNECT, _WELD = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
 _SITE = int(mujoco.mjtObj.mjOBJ_SITE)
@@ -23,6 +22,8 @@ DRIFT = 1e-3
 """Part of the fastest contact, in the kinetic metric, up to which a constraint that moves a gap is at rest."""
 TIED = 0.2
 """Part of a gap gradient, in units of `lengths`, that such constraints must leave for contact to act."""
+SHIFTS = 3
+"""How many rows of a connect or weld keep points together; others of a weld keep it from turning."""
 _TORQUE, _LOOSE = 10, 0.3
 """Where a weld has its torquescale s among its numbers, and s below which it is a spring.
 
@@ -65,22 +66,49 @@ def bilateral_rows(
 
     MuJoCo's constraints are soft: where they have given way by a distance d, rows that depend on each other do so up
     to d over the size of the bodies only. Directions of that size are left out, or redundant constraints would lock a
-    mechanism; then rows that span the others are returned. Inertia must be current (`contacts.update_positions`).
+    mechanism; then rows that span the others are returned. So are rows that short next to others of their constraint
+    (`parts_of_longest`). Inertia must be current (`contacts.update_positions`).
     Rows that move against themselves faster than `calm`, m/s or rad/s, (ne,), are left out: they are giving way.
     """
-    chosen = kept[data.efc_id[: data.ne]]
-    rows = np.flatnonzero(chosen if calm is None else chosen & (np.abs(data.efc_vel[: data.ne]) <= calm))
-    if len(rows) == 0:
+    chosen = np.flatnonzero(kept[data.efc_id[: data.ne]])
+    acts = np.ones(len(chosen), dtype=bool) if calm is None else np.abs(data.efc_vel[chosen]) <= calm[chosen]
+    if not acts.any():
         return None
-    J = _gradients(model, data, rows)
-    if not J.any():
+    given = float(np.abs(data.efc_pos[chosen[acts]]).max()) / model.stat.meansize
+    rank = min(max(GIVEN_WAY * given, WRITTEN), OWN_CONSTRAINT)
+    J = _gradients(model, data, chosen)
+    J = np.ascontiguousarray(J[acts & (parts_of_longest(model, data, chosen, J) > rank)])
+    if len(J) == 0:
         return None
-    given = float(np.abs(data.efc_pos[rows]).max()) / model.stat.meansize
     mujoco.mj_factorM(model, data)
     Y = np.empty_like(J)
     mujoco.mj_solveM2(model, data, Y, J, np.sqrt(data.qLDiagInv))
-    basis, combination = row_span(Y, min(max(GIVEN_WAY * given, RANK), OWN_CONSTRAINT))
+    basis, combination = row_span(Y, rank)
     return J if len(basis) == len(J) else combination @ J
+
+
+def parts_of_longest(model: mujoco.MjModel, data: mujoco.MjData, rows: np.ndarray, J: np.ndarray) -> np.ndarray:
+    """Return how long rows are, (m,), next to the longest of the same connect, or of shifts or turns of the same weld.
+
+    The axes of hinges of a plane linkage are parallel up to the digits in which they are written, and up to what has
+    given way: out of its plane such rows are next to nothing, and would lock it if they counted as others do. Where a
+    part of a weld has no other rows, the longest of the weld decide.
+
+    Args:
+        model: the scene.
+        data: rows current.
+        rows: all rows of some equality constraints, (m,).
+        J: their gradients, (m, nv).
+    """
+    size = np.linalg.norm(J / lengths(model), axis=1)
+    _, first, of = np.unique(data.efc_id[rows], return_index=True, return_inverse=True)
+    part = 2 * of + np.where(np.arange(len(rows)) - first[of] < SHIFTS, 0, 1)
+    longest, whole = np.zeros(2 * len(first)), np.zeros(len(first))
+    np.maximum.at(longest, part, size)
+    np.maximum.at(whole, of, size)
+    reference = np.maximum(longest[part], WRITTEN * whole[of])
+    ties = np.isin(model.eq_type[data.efc_id[rows]], (_CONNECT, _WELD))
+    return np.where(ties, size / np.where(reference > 0.0, reference, 1.0), size > 0.0)
 
 
 def stiffness(model: mujoco.MjModel, data: mujoco.MjData, kept: np.ndarray) -> np.ndarray | None:
@@ -109,9 +137,9 @@ def _gradients(model: mujoco.MjModel, data: mujoco.MjData, rows: np.ndarray) -> 
 def are_tied(gradients: np.ndarray, constraints: np.ndarray, lengths: np.ndarray) -> np.ndarray:
     """Return of which gap gradients, (h, nv), constraints, (m, nv), leave next to nothing, bool (h,).
 
-    See `stepping.compiled.ties`; `lengths` are those of `lengths`.
+    See `stepping.compiled.ties`; `lengths` are those of `lengths`. Constraints are those of `bilateral_rows`.
     """
-    basis, _ = row_span(constraints / lengths, RANK)
+    basis, _ = row_span(constraints / lengths, OWN_CONSTRAINT)
     scaled = gradients / lengths
     left = scaled - scaled @ basis.T @ basis
     return np.linalg.norm(left, axis=1) <= TIED * np.linalg.norm(scaled, axis=1)

@@ -19,3 +19,5 @@ BLOW = 0.1  # m/s: change of a surface's mean velocity from step to step above w
 # --- Equality constraints, which are soft in MuJoCo: their rows are right up to what they have given way. -------------
 GIVEN_WAY = 10.0  # how much more than its part of the bodies' size a violation may change rows
 OWN_CONSTRAINT = 1e-2  # singular value above which a constraint is one of its own, whatever has given way
+WRITTEN = 1e-4
+"""How much rows differ, as a part of their length, by the digits in which poses are written in MJCF files, at least."""

@@ -10,13 +10,13 @@ from __future__ import annotations
 import numpy as np
 
 from impactlaw.compiled import compiled
-from impactlaw.scene.equality_constraints import TIED, TYING
-from impactlaw.solvers.cones.algebra.loops import FIRST, clear, cleared, dot, kernel, numbers, plain, subtract
+from impactlaw.scene.equality_constraints import SHIFTS, TIED, TYING
+from impactlaw.scene.tolerances import OWN_CONSTRAINT, WRITTEN
+from impactlaw.solvers.cones.algebra.loops import FIRST, clear, cleared, dot, kernel, norm, numbers, plain, subtract
 from impactlaw.stepping.compiled.access import contact_ints, data_ints, model_floats, model_ints, number, size
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, flags
 
 _MOST = 2e7  # operations for a step's constraints above which nothing is looked at: they are hundreds
-_NEW = 1e-3  # part of a gradient that others have not, from which it counts
 
 
 @plain
@@ -38,15 +38,55 @@ def leave_out(basis, count, nv, row, at):
 
 
 @plain
-def _span(kinds, number, constraints, Jnnz, Jadr, Jcol, J, weight, basis):
+def _largest(numbers_of):
+    largest = 0.0
+    for one in numbers_of:
+        largest = max(largest, one)
+    return largest
+
+
+@kernel
+def parts_of_longest(number, constraints, Jnnz, Jadr, Jcol, J, weight, part):
+    """Write how long rows of equality constraints are next to others, (ne,): `equality_constraints.parts_of_longest`.
+
+    Args:
+        number: see `find_tied`.
+        constraints: see there.
+        Jnnz: see there.
+        Jadr: see there.
+        Jcol: see there.
+        J: see there.
+        weight: see there.
+        part: written.
+    """
+    trial, first = numbers(len(weight)), 0
+    while first < len(part):
+        end = first
+        while end < len(part) and number[end] == number[first]:
+            _write_scaled(Jnnz, Jadr, Jcol, J, end, weight, trial)
+            part[end] = norm(trial)
+            end += 1
+        middle = min(first + SHIFTS, end)
+        shifts, turns = _largest(part[first:middle]), _largest(part[middle:end])
+        whole = WRITTEN * max(shifts, turns)
+        for row in range(first, end):
+            if constraints[number[first]] != TYING:
+                part[row] = 1.0 if part[row] > 0.0 else 0.0
+            elif part[row] > 0.0:
+                part[row] /= max(shifts if row < middle else turns, whole)
+        first = end
+
+
+@plain
+def _span(number, constraints, Jnnz, Jadr, Jcol, J, weight, part, basis):
     """Write an orthonormal basis of the constraints that tie bodies, row by row; return how many there are."""
     nv, count = len(weight), 0
-    for row in range(len(kinds)):
-        if kinds[row] != 0 or constraints[number[row]] != TYING:
+    for row in range(len(part)):
+        if constraints[number[row]] != TYING or part[row] <= OWN_CONSTRAINT:
             continue
         at = count * nv
         _write_scaled(Jnnz, Jadr, Jcol, J, row, weight, basis[at : at + nv])
-        if leave_out(basis, count, nv, basis, at) > _NEW:
+        if leave_out(basis, count, nv, basis, at) > OWN_CONSTRAINT:
             length = np.sqrt(dot(basis, at, basis, at, nv))
             for i in range(at, at + nv):
                 basis[i] /= length
@@ -70,13 +110,15 @@ def find_tied(kinds, number, constraints, Jnnz, Jadr, Jcol, J, weight, address, 
         address: first rows of contacts, (ncon,).
         tied: written.
     """
-    nv, many = len(weight), 0
+    nv, many, ne = len(weight), 0, 0
     for row in range(len(kinds)):
+        ne += kinds[row] == 0
         many += kinds[row] == 0 and constraints[number[row]] == TYING
     if many == 0 or float(many) * many * nv > _MOST:
         return
-    basis, trial = numbers((many + 1) * nv), numbers(nv)
-    count = _span(kinds, number, constraints, Jnnz, Jadr, Jcol, J, weight, basis)
+    basis, trial, part = numbers((many + 1) * nv), numbers(nv), numbers(ne)
+    parts_of_longest(number, constraints, Jnnz, Jadr, Jcol, J, weight, part)
+    count = _span(number, constraints, Jnnz, Jadr, Jcol, J, weight, part, basis)
     for c in range(len(address)):
         if address[c] >= 0:
             _write_scaled(Jnnz, Jadr, Jcol, J, address[c], weight, trial)
@@ -91,15 +133,21 @@ def tied_contacts(kinds, number, constraints, Jnnz, Jadr, Jcol, J, weight, addre
     return tied
 
 
+@plain
+def write_lengths(w, weight):
+    """Write `equality_constraints.lengths`, (nv,)."""
+    body, inertia = model_ints(w, MODEL.dof_bodyid, w.nv), model_floats(w, MODEL.dof_M0, w.nv)
+    mass = model_floats(w, MODEL.body_subtreemass, size(w, MODEL.nbody))
+    for i in range(w.nv):
+        weight[i] = np.sqrt(inertia[i] / max(mass[body[i]], 1e-15))
+
+
 @kernel
 def mark_tied(w, constraints, jacobian, tied):
     """Write which contacts of a world are tied, see `find_tied`."""
     nnz, adr, col, J = jacobian
     n, weight = number(w, DATA.nefc), numbers(w.nv)
-    body, inertia = model_ints(w, MODEL.dof_bodyid, w.nv), model_floats(w, MODEL.dof_M0, w.nv)
-    mass = model_floats(w, MODEL.body_subtreemass, size(w, MODEL.nbody))
-    for i in range(w.nv):
-        weight[i] = np.sqrt(inertia[i] / max(mass[body[i]], 1e-15))
+    write_lengths(w, weight)
     address = contact_ints(w, CONTACT.efc_address, 1)[:, 0]
     find_tied(
         data_ints(w, DATA.efc_type, n), data_ints(w, DATA.efc_id, n), constraints, nnz, adr, col, J, weight, address,

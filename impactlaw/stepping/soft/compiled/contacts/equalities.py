@@ -9,13 +9,13 @@ from __future__ import annotations
 import numpy as np
 
 from impactlaw.mechanics.tolerances import FIXED
-from impactlaw.scene.tolerances import GIVEN_WAY, OWN_CONSTRAINT
-from impactlaw.solvers.cones.algebra.loops import clear, dot, integers, norm, numbers, once, plain, put
+from impactlaw.scene.tolerances import GIVEN_WAY, OWN_CONSTRAINT, WRITTEN
+from impactlaw.solvers.cones.algebra.loops import clear, dot, integers, kernel, norm, numbers, once, plain, put
 from impactlaw.solvers.tolerances import RANK
 from impactlaw.stepping.compiled.access import data_floats, data_ints, layout_of, model_ints, number, offset, size
 from impactlaw.stepping.compiled.fields import DATA, MODEL, float_at
 from impactlaw.stepping.compiled.islands import tree_of
-from impactlaw.stepping.compiled.ties import leave_out
+from impactlaw.stepping.compiled.ties import leave_out, parts_of_longest, write_lengths
 from impactlaw.stepping.soft.compiled.contacts.rows import Rows
 
 _CLEAR = 1.65 * OWN_CONSTRAINT
@@ -47,6 +47,26 @@ def _is_kept(w, bilateral, calm, jacobian, r):
         return False
     t = tree_of(nnz, adr, col, val, r, model_ints(w, MODEL.dof_treeid, w.nv))
     return not abs(speeds[r]) > (calm[t] if t >= 0 else 0.0)
+
+
+@kernel
+def _rank(w, bilateral, calm, jacobian, part):
+    """Write how long rows are next to others of their constraint, (ne,); return the part up to which they are nothing.
+
+    Rows that are not kept have 0.
+    """
+    n, given, weight = number(w, DATA.nefc), 0.0, numbers(w.nv)
+    source, gaps = data_ints(w, DATA.efc_id, n), data_floats(w, DATA.efc_pos, n)
+    nnz, adr, col, val = jacobian
+    write_lengths(w, weight)
+    parts_of_longest(source, bilateral, nnz, adr, col, val, weight, part)
+    for r in range(len(part)):
+        if _is_kept(w, bilateral, calm, jacobian, r):
+            given = max(given, abs(gaps[r]))
+        else:
+            part[r] = 0.0
+    size_of_bodies = float_at(w.model + offset(w, MODEL.stat_meansize))
+    return min(max(GIVEN_WAY * given / size_of_bodies, WRITTEN), OWN_CONSTRAINT)
 
 
 @plain
@@ -100,27 +120,25 @@ def _keep_long(basis, many, nv, rank):
 
 
 @plain
-def _singular_vectors(w, bilateral, calm, jacobian, root, basis):
+def _singular_vectors(w, part, rank, jacobian, root, basis):
     """Do what `span` does, by singular values: directions that only a giving way has made are left out."""
-    many, nv, given = 0, w.nv, 0.0
+    many, nv = 0, w.nv
     nnz, adr, col, val = jacobian
     Mnnz, Madr, Mcol = layout_of(w)
-    factor, gaps = data_floats(w, DATA.qLD, size(w, MODEL.nC)), data_floats(w, DATA.efc_pos, number(w, DATA.nefc))
+    factor = data_floats(w, DATA.qLD, size(w, MODEL.nC))
     for r in range(number(w, DATA.ne)):
-        if _is_kept(w, bilateral, calm, jacobian, r):
+        if part[r] > rank:
             row = basis[many * nv : many * nv + nv]
             whitened_row(nnz, adr, col, val, r, factor, Mnnz, Madr, Mcol, root, row)
             length = norm(row)
             if length > 0.0:
                 _scale(row, length)
                 many += 1
-            given = max(given, abs(gaps[r]))
     _orthogonalize(basis, many, nv)
-    size_of_bodies = float_at(w.model + offset(w, MODEL.stat_meansize))
-    return _keep_long(basis, many, nv, min(max(GIVEN_WAY * given / size_of_bodies, RANK), OWN_CONSTRAINT))
+    return _keep_long(basis, many, nv, rank)
 
 
-@plain
+@kernel
 def span(w, bilateral, calm, jacobian, root, basis):
     """Write an orthonormal basis of the constraints that collisions keep, row by row; return how many there are.
 
@@ -138,9 +156,10 @@ def span(w, bilateral, calm, jacobian, root, basis):
     count, nv, volume, many = 0, w.nv, 1.0, number(w, DATA.ne)
     nnz, adr, col, val = jacobian
     Mnnz, Madr, Mcol = layout_of(w)
-    factor = data_floats(w, DATA.qLD, size(w, MODEL.nC))
+    factor, part = data_floats(w, DATA.qLD, size(w, MODEL.nC)), numbers(many)
+    rank = _rank(w, bilateral, calm, jacobian, part)
     for r in range(many):
-        if not _is_kept(w, bilateral, calm, jacobian, r):
+        if part[r] <= rank:
             continue
         at = count * nv
         row = basis[at : at + nv]
@@ -151,7 +170,7 @@ def span(w, bilateral, calm, jacobian, root, basis):
         _scale(row, norm(row))
         count, volume = count + 1, volume * left
         if volume < _CLEAR * np.sqrt(many):
-            return _singular_vectors(w, bilateral, calm, jacobian, root, basis)
+            return _singular_vectors(w, part, rank, jacobian, root, basis)
     return count
 
 

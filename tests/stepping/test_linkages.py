@@ -1,0 +1,58 @@
+"""Linkages in a plane, closed by welds or connects, whose hinges are parallel up to the digits they are written in."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from impactlaw import Moreau, Stepper
+
+LINKAGE = """<mujoco><compiler angle="radian"/><option timestep="0.001" gravity="{gravity}"/><worldbody>
+  <frame euler="{turned}">
+    <geom type="plane" size="1 1 1"/>
+    <body name="a" pos="0 0 .2"><joint axis="0 1 0"/>
+      <geom type="capsule" size=".03" fromto="0 0 0 .3 0 0" mass="1"/></body>
+    <body name="b" pos="0 0 .2" quat="{quat}"><joint axis="0 1 0"/>
+      <geom type="box" size=".02 .1 .03" mass=".3" contype="0" conaffinity="0"/></body>
+    <body pos=".15 0 1" gravcomp="1"><joint type="slide" axis="0 0 1"/><geom size=".02" mass=".2"/></body>
+  </frame></worldbody><equality>{tie}</equality></mujoco>"""
+TIES = {"weld": '<weld body1="a" body2="b"/>', "connect": '<connect body1="a" body2="b" anchor=".1 .01 .1"/>'}
+WAYS = {
+    "time-stepping": {"scheme": "time-stepping"},
+    "time-stepping in Python": {"scheme": "time-stepping", "compiled": "never"},
+    "soft": {"contact_model": "soft"},
+    "soft in Python": {"contact_model": "soft", "compiled": "never"},
+    "event-driven": {},
+}
+AS_WRITTEN = "1 1e-6 0 2e-6"  # the hinges' axes differ by some 4e-6 rad
+
+
+def run(way, tie, quat, *, gravity="0 0 0", turned="0 0 0", thrown=0.0, steps=300):
+    """Return positions and velocities, and how deep contacts were, m."""
+    model = mujoco.MjModel.from_xml_string(LINKAGE.format(gravity=gravity, turned=turned, quat=quat, tie=TIES[tie]))
+    data, deepest = mujoco.MjData(model), 0.0
+    stepper = Stepper(model, Moreau(0.5), **WAYS[way])
+    data.qvel[2] = thrown
+    for _ in range(steps):
+        stepper.step(data)
+        deepest = min([deepest, *data.contact.dist])
+    return data.qpos, data.qvel, deepest
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("tie", TIES)
+@pytest.mark.parametrize("quat", [AS_WRITTEN, "1 .001 0 .002"])
+def test_the_floor_holds_a_crank_of_two_welded_parts(way, tie, quat):
+    (angle, *_), _, deepest = run(way, tie, quat, gravity="0 0 -9.81", steps=600)
+    assert deepest > -2e-3
+    assert angle == pytest.approx(0.6027, abs=2e-3)  # sin(angle) = (0.2 - 0.03) / 0.3
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("tie", TIES)
+@pytest.mark.parametrize("turned", ["0 0 0", ".3 .4 .5"])
+def test_a_ball_turns_a_crank_as_if_its_hinges_were_parallel(way, tie, turned):
+    thrown = {"turned": turned, "thrown": -10.0, "steps": 100}
+    _, expected, _ = run(way, tie, "1 0 0 0", **thrown)
+    _, velocity, _ = run(way, tie, AS_WRITTEN, **thrown)
+    assert velocity[0] > 5.0
+    np.testing.assert_allclose(velocity, expected, atol=5e-3)
