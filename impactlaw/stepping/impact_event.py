@@ -21,7 +21,7 @@ class ImpactEvent:
 
     Attributes:
         time: simulation time of the collision, s.
-        contacts: the contacts that collided: labels, geoms, gaps, positions, normals.
+        contacts: the contacts that collided: their labels, geoms, gap, position, normal.
         impact: the outcome; ``impact.collision`` holds mass matrix, Jacobian and velocity before.
         qpos: the configuration it happened at, (nq,).
         projected: whether the outcome by the law left S(v-), and this is another one.
