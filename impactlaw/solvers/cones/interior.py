@@ -16,6 +16,15 @@ from numba import types
 
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.blocks import assemble, back_substitute, factor, room
+from impactlaw.solvers.cones.algebra.box_rows import (
+    aim_boxes,
+    begin_boxes,
+    box_gap,
+    box_push,
+    box_reach,
+    box_weight,
+    follow_boxes,
+)
 from impactlaw.solvers.cones.algebra.linear import lu_factor, lu_solve_rows
 from impactlaw.solvers.cones.algebra.loops import FIRST, FLOATS, Array, clear, indices, numbers, plain, put, zeros
 from impactlaw.solvers.cones.algebra.ordering import BLOCKS, Blocks
@@ -98,7 +107,7 @@ def _scale(P: Island, g: int, x: Array, u: Array, w: Array, E: Array, B: Array, 
 
 
 @plain
-def _prepare(P: Island, x, u, v, F, w, eta, lam, E, B, pivot) -> None:
+def _prepare(P: Island, x, u, high, v, F, w, eta, lam, E, B, pivot) -> None:
     """Write what a step needs of each group; v is the velocity without correction."""
     for g in range(len(P.kind)):
         o, e = P.start[g], P.start[g + 1]
@@ -108,15 +117,17 @@ def _prepare(P: Island, x, u, v, F, w, eta, lam, E, B, pivot) -> None:
             for k in range(o, e):
                 F[k] = v[k] - u[k]
             F[o] += norm_of(u, o + 1, e) if P.exact else 0.0
+        elif P.kind[g] == BOX:
+            E[P.square[g]] = box_weight(P.bound[g], P.c[o], x[o], u[o], high[o])
+            F[o] = v[o] - u[o] + high[o]
         else:
-            slides = P.kind[g] == BOX and abs(x[o]) >= P.bound[g] and x[o] * v[o] <= 0.0
-            E[P.square[g]] = 0.0 if slides else 1.0 / (P.c[o] + _BILATERAL)
+            E[P.square[g]] = 1.0 / (P.c[o] + _BILATERAL)
             F[o] = v[o]
 
 
 @plain
-def _direction(P: Island, K: Blocks, u, F, w, eta, E, H, pivot, r, z, t, dx, du) -> None:
-    """Write the step whose scaled parts, ``W^-1 dx + W du``, are r."""
+def _direction(P: Island, K: Blocks, x, u, high, F, w, eta, E, H, pivot, r, z, t, dx, du, dhigh) -> None:
+    """Write the step whose scaled parts, ``W^-1 dx + W du``, are r; of boxes r and w say what `aim_boxes` does."""
     for g in range(len(P.kind)):
         o, e = P.start[g], P.start[g + 1]
         if P.kind[g] == CONE:
@@ -126,7 +137,7 @@ def _direction(P: Island, K: Blocks, u, F, w, eta, E, H, pivot, r, z, t, dx, du)
                 s += u[k] * t[k]
             t[o] -= s / slip if slip > 0.0 else 0.0
         else:
-            t[o] = 0.0
+            t[o] = box_push(P.bound[g], x[o], r[o], w[o]) if P.kind[g] == BOX else 0.0
         m, at = e - o, P.square[g]
         for k in range(o, e):
             t[k] -= F[k]
@@ -143,6 +154,7 @@ def _direction(P: Island, K: Blocks, u, F, w, eta, E, H, pivot, r, z, t, dx, du)
             for k in range(o, e):
                 t[k] = r[k] - t[k]
             _scaled(w, o, e, 1.0 / eta[g], -1.0, t, du)
+    follow_boxes(P, x, u, high, r, w, dx, du, dhigh)
 
 
 @plain
@@ -165,25 +177,32 @@ def _reach(x: Array, d: Array, o: int, e: int) -> float:
 
 
 @plain
-def _length(P: Island, x, u, dx, du) -> float:
+def _length(P: Island, x, u, high, dx, du, dhigh) -> float:
     """Return how far the step stays inside of all cones, at most 1."""
     far = 1.0
     for g in range(len(P.kind)):
         if P.kind[g] == CONE:
             o, e = P.start[g], P.start[g + 1]
             far = min(far, _SHORT * _reach(x, dx, o, e), _SHORT * _reach(u, du, o, e))
+        elif P.kind[g] == BOX:
+            o = P.start[g]
+            far = min(far, _SHORT * box_reach(P.bound[g], x[o], u[o], high[o], dx[o], du[o], dhigh[o]))
     return far
 
 
 @plain
-def _gap(P: Island, x, u, dx, du, f: float) -> float:
-    """Return the mean of ``x^T u`` of a group after a part f of the step."""
+def _gap(P: Island, x, u, high, dx, du, dhigh, f: float) -> float:
+    """Return the mean of ``x^T u`` of a contact, and of the products of boxes, after a part f of the step."""
     s, count = 0.0, 0
     for g in range(len(P.kind)):
         if P.kind[g] == CONE:
             count += 1
             for k in range(P.start[g], P.start[g + 1]):
                 s += (x[k] + f * dx[k]) * (u[k] + f * du[k])
+        elif P.kind[g] == BOX:
+            o = P.start[g]
+            count += 2
+            s += box_gap(P.bound[g], x[o] + f * dx[o], u[o] + f * du[o], high[o] + f * dhigh[o])
     return s / max(count, 1)
 
 
@@ -204,15 +223,7 @@ def _correct(P: Island, w, eta, lam, dx, du, center: float, r, t, p) -> None:
 
 
 @plain
-def _clip(P: Island, x: Array, point: Array) -> None:
-    """Write the dry friction of x, cut to what there is."""
-    for g in range(len(P.kind)):
-        if P.kind[g] == BOX:
-            point[P.start[g]] = min(max(x[P.start[g]], -P.bound[g]), P.bound[g])
-
-
-@plain
-def _begin(P: Island, x, v, r: float, size: float, t, point, u) -> None:
+def _begin(P: Island, x, v, r: float, size: float, t, point, u, high) -> None:
     """Write where to start: inside of the cones, near the guess if its natural map r is small next to velocities."""
     inside = size
     if r < _NEAR * size:
@@ -232,24 +243,29 @@ def _begin(P: Island, x, v, r: float, size: float, t, point, u) -> None:
         if P.kind[g] == CONE:
             point[o] += inside
             u[o] += inside
-    _clip(P, x, point)
+    begin_boxes(P, x, v, inside, inside < size, point, u, high)
 
 
 @plain
-def _advance(P: Island, K: Blocks, x, u, S, eta, E, H, pivot, z) -> None:
+def _advance(P: Island, K: Blocks, x, u, high, S, eta, E, H, pivot, z) -> None:
     """Take the step from x and u, H factored; S: what `_prepare` has written, and room."""
-    F, w, lam, r, t, p, dx, du = S[0], S[1], S[2], S[3], S[4], S[5], S[6], S[7]
+    F, w, lam, r, t, p, dx, du, dhigh = S[0], S[1], S[2], S[3], S[4], S[5], S[6], S[7], S[8]
     for k in range(len(x)):
         r[k] = -lam[k]
-    _direction(P, K, u, F, w, eta, E, H, pivot, r, z, t, dx, du)
-    gap = _gap(P, x, u, dx, du, 0.0)
-    after = _gap(P, x, u, dx, du, _length(P, x, u, dx, du))
-    _correct(P, w, eta, lam, dx, du, gap * min(1.0, max(0.0, after / gap)) ** 3, r, t, p)
-    _direction(P, K, u, F, w, eta, E, H, pivot, r, z, t, dx, du)
-    f = _length(P, x, u, dx, du)
+        dx[k] = 0.0
+    aim_boxes(P, x, u, high, 0.0, dx, du, dhigh, r, w)
+    _direction(P, K, x, u, high, F, w, eta, E, H, pivot, r, z, t, dx, du, dhigh)
+    gap = _gap(P, x, u, high, dx, du, dhigh, 0.0)
+    after = _gap(P, x, u, high, dx, du, dhigh, _length(P, x, u, high, dx, du, dhigh))
+    center = gap * min(1.0, max(0.0, after / gap)) ** 3
+    _correct(P, w, eta, lam, dx, du, center, r, t, p)
+    aim_boxes(P, x, u, high, center, dx, du, dhigh, r, w)
+    _direction(P, K, x, u, high, F, w, eta, E, H, pivot, r, z, t, dx, du, dhigh)
+    f = _length(P, x, u, high, dx, du, dhigh)
     for k in range(len(x)):
         x[k] += f * dx[k]
         u[k] += f * du[k]
+        high[k] += f * dhigh[k]
 
 
 @linked(types.int64(ISLAND, BLOCKS, FLOATS, types.float64, types.float64, types.int64))
@@ -257,7 +273,7 @@ def interior(P: Island, K: Blocks, x: Array, size: float, tolerance: float, most
     """Overwrite x by the best point of at most `most` steps; return steps taken.
 
     Args:
-        P: the problem. Joints that slide keep their dry friction in a step, others are held by it.
+        P: the problem.
         K: storage of the matrix of the size of the degrees of freedom.
         x: guess, written.
         size: of velocities.
@@ -267,20 +283,19 @@ def interior(P: Island, K: Blocks, x: Array, size: float, tolerance: float, most
     n, groups, rows = len(x), len(P.kind), 1
     for g in range(groups):
         rows = max(rows, P.start[g + 1] - P.start[g])
-    point, u, v, S = numbers(n), numbers(n), numbers(n), zeros(8 * n).reshape((8, n))
+    point, u, high, v, S = numbers(n), numbers(n), zeros(n), numbers(n), zeros(9 * n).reshape((9, n))
     z, eta, E, H = numbers(P.nv), numbers(groups), numbers(P.square[groups]), numbers(K.size)
     pivot, left, row, B = indices(max(rows, P.nv)), numbers(room(P)), numbers(max(P.nv, 1)), numbers(rows * rows)
     velocity(P, P.b, x, z, v)
     least, fruitless, taken = np.inf, 0, 0
-    _begin(P, x, v, residual(P, x, v, P.exact), size, S[0], point, u)
+    _begin(P, x, v, residual(P, x, v, P.exact), size, S[0], point, u, high)
     velocity(P, P.b, point, z, v)
     while taken < most and least > tolerance and fruitless < _PATIENCE:
-        _prepare(P, point, u, v, S[0], S[1], eta, S[2], E, B, pivot)
+        _prepare(P, point, u, high, v, S[0], S[1], eta, S[2], E, B, pivot)
         assemble(P, K, E, H, left, row)
         factor(K, H, pivot, row)
-        _advance(P, K, point, u, S, eta, E, H, pivot, z)
+        _advance(P, K, point, u, high, S, eta, E, H, pivot, z)
         taken += 1
-        _clip(P, point, point)
         velocity(P, P.b, point, z, v)
         s = residual(P, point, v, P.exact)
         if not s < 1e100:

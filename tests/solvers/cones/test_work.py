@@ -72,12 +72,20 @@ def test_exact_friction_is_not_given_up_near_its_solution(shape):
     assert hard > 4
 
 
-def test_slow_rounds_are_rare_where_joints_have_dry_friction():
-    """An interior point method, in which it is held or slides, ends the circles in which Newton's method runs."""
-    problems = [solvable(np.random.default_rng(seed), 8, 12, extra=6)[0] for seed in range(200)]
+@pytest.mark.parametrize(
+    ("contacts", "joints", "boxes", "slow", "missed"),
+    [(8, 12, 3, 0.05, 0.01), (4, 20, 12, 0.05, 0.01), (8, 16, 15, 0.05, 0.01), (8, 30, 20, 0.2, 0.12)],
+)
+def test_slow_rounds_are_rare_where_joints_have_dry_friction(contacts, joints, boxes, slow, missed):
+    """An interior point method, of boxes too, ends the circles in which Newton's method runs.
+
+    With boxes that it took to be held or to slide, 0.03, 0.28, 0.09 and 0.83 of these problems were slow.
+    """
+    shape = contacts, joints
+    problems = [solvable(np.random.default_rng(seed), *shape, extra=2 * boxes)[0] for seed in range(200)]
     residuals, steps = np.array([run(args, 1.0)[:2] for args in problems]).T
-    assert np.mean(steps > 100) < 0.08
-    assert np.mean(residuals > 1e-8) < 0.02
+    assert np.mean(steps > 100) < slow
+    assert np.mean(residuals > 1e-8) < missed
 
 
 @pytest.mark.parametrize("contacts", [2, 20, 60])
