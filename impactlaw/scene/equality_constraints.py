@@ -64,30 +64,48 @@ def bilateral_rows(
 ) -> np.ndarray | None:
     """Return ``J_eq`` of the equality constraints that are kept and active, (m, nv), among the rows of now.
 
-    MuJoCo's constraints are soft: where they have given way by a distance d, rows that depend on each other do so up
-    to d over the size of the bodies only. Directions of that size are left out, or redundant constraints would lock a
-    mechanism; then rows that span the others are returned. So are rows that short next to others of their constraint
-    (`parts_of_longest`). Inertia must be current (`contacts.update_positions`).
+    Those that do not count are left out, see `rows_that_count`. Inertia must be current (`contacts.update_positions`).
     Rows that move against themselves faster than `calm`, m/s or rad/s, (ne,), are left out: they are giving way.
     """
     chosen = np.flatnonzero(kept[data.efc_id[: data.ne]])
     acts = np.ones(len(chosen), dtype=bool) if calm is None else np.abs(data.efc_vel[chosen]) <= calm[chosen]
     if not acts.any():
         return None
-    given = float(np.abs(data.efc_pos[chosen[acts]]).max()) / model.stat.meansize
-    rank = min(max(GIVEN_WAY * given, WRITTEN), OWN_CONSTRAINT)
     J = _gradients(model, data, chosen)
-    J = np.ascontiguousarray(J[acts & (parts_of_longest(model, data, chosen, J) > rank)])
-    if len(J) == 0:
-        return None
     mujoco.mj_factorM(model, data)
     Y = np.empty_like(J)
     mujoco.mj_solveM2(model, data, Y, J, np.sqrt(data.qLDiagInv))
-    basis, combination = row_span(Y, rank)
+    return rows_that_count(model, data.efc_id[chosen], float(np.abs(data.efc_pos[chosen[acts]]).max()), J, Y, acts)
+
+
+def rows_that_count(
+    model: mujoco.MjModel, number: np.ndarray, given: float, J: np.ndarray, Y: np.ndarray, acts: np.ndarray
+) -> np.ndarray | None:
+    """Return rows that span those of equality constraints that count, (k, nv); None if there are none.
+
+    MuJoCo's constraints are soft: where they have given way by a distance d, rows that depend on each other do so up
+    to d over the size of the bodies only. Directions of that size are left out, or redundant constraints would lock a
+    mechanism; then rows that span the others are returned. So are rows that short next to others of their constraint
+    (`parts_of_longest`).
+
+    Args:
+        model: the scene.
+        number: which constraint each row is of, all rows of some of them in MuJoCo's order, (m,).
+        given: how far they have given way, m or rad.
+        J: their gradients, (m, nv).
+        Y: these where the kinetic metric is the Euclidean one, (m, nv).
+        acts: which may count, bool (m,).
+    """
+    rank = min(max(GIVEN_WAY * given / model.stat.meansize, WRITTEN), OWN_CONSTRAINT)
+    counting = acts & (parts_of_longest(model, number, J) > rank)
+    J = np.ascontiguousarray(J[counting])
+    if len(J) == 0:
+        return None
+    basis, combination = row_span(Y[counting], rank)
     return J if len(basis) == len(J) else combination @ J
 
 
-def parts_of_longest(model: mujoco.MjModel, data: mujoco.MjData, rows: np.ndarray, J: np.ndarray) -> np.ndarray:
+def parts_of_longest(model: mujoco.MjModel, number: np.ndarray, J: np.ndarray) -> np.ndarray:
     """Return how long rows are, (m,), next to the longest of the same connect, or of shifts or turns of the same weld.
 
     The axes of hinges of a plane linkage are parallel up to the digits in which they are written, and up to what has
@@ -96,18 +114,17 @@ def parts_of_longest(model: mujoco.MjModel, data: mujoco.MjData, rows: np.ndarra
 
     Args:
         model: the scene.
-        data: rows current.
-        rows: all rows of some equality constraints, (m,).
-        J: their gradients, (m, nv).
+        number: see `rows_that_count`.
+        J: see there.
     """
     size = np.linalg.norm(J / lengths(model), axis=1)
-    _, first, of = np.unique(data.efc_id[rows], return_index=True, return_inverse=True)
-    part = 2 * of + np.where(np.arange(len(rows)) - first[of] < SHIFTS, 0, 1)
+    _, first, of = np.unique(number, return_index=True, return_inverse=True)
+    part = 2 * of + np.where(np.arange(len(number)) - first[of] < SHIFTS, 0, 1)
     longest, whole = np.zeros(2 * len(first)), np.zeros(len(first))
     np.maximum.at(longest, part, size)
     np.maximum.at(whole, of, size)
     reference = np.maximum(longest[part], WRITTEN * whole[of])
-    ties = np.isin(model.eq_type[data.efc_id[rows]], (_CONNECT, _WELD))
+    ties = np.isin(model.eq_type[number], (_CONNECT, _WELD))
     return np.where(ties, size / np.where(reference > 0.0, reference, 1.0), size > 0.0)
 
 

@@ -56,3 +56,19 @@ def test_a_ball_turns_a_crank_as_if_its_hinges_were_parallel(way, tie, turned):
     _, velocity, _ = run(way, tie, AS_WRITTEN, **thrown)
     assert velocity[0] > 5.0
     np.testing.assert_allclose(velocity, expected, atol=5e-3)
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("tie", TIES)
+def test_the_collision_that_is_told_turns_the_crank_as_the_step_does(way, tie):
+    model = mujoco.MjModel.from_xml_string(
+        LINKAGE.format(gravity="0 0 0", turned=".3 .4 .5", quat=AS_WRITTEN, tie=TIES[tie])
+    )
+    data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.5), **WAYS[way])
+    data.qvel[2] = -10.0
+    while not stepper.events:
+        stepper.step(data)
+    impact = stepper.events[0].impact
+    assert impact.post_velocity[0] > 5.0
+    np.testing.assert_allclose(impact.post_velocity, data.qvel, atol=5e-3 * np.abs(data.qvel).max())
+    assert stepper.sums.energy_change == pytest.approx(impact.energy_change, rel=1e-2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction import Friction
 from impactlaw.scene.contacts import Contacts
+from impactlaw.scene.equality_constraints import rows_that_count
 from impactlaw.scene.joint_limits import NO_GEOM, Limits, LimitState
 from impactlaw.stepping.compiled.dense import gradients, mass_matrix
 from impactlaw.stepping.time_stepping.problem.rows import Rows
@@ -34,6 +36,8 @@ class Seen:
         limits: of joints and tendons.
         rows: of the step.
         kept: which of its groups are equality constraints that collisions must not violate, bool (g,).
+        number: which constraint each of these is of.
+        given: how far they have given way, m or rad.
         geoms: of MuJoCo's contacts, (ncon, 2).
         frame: of these, normals first, (ncon, 9).
         position: of these, m, (ncon, 3).
@@ -47,6 +51,8 @@ class Seen:
     limits: Limits
     rows: Rows
     kept: np.ndarray
+    number: np.ndarray
+    given: float
     geoms: np.ndarray
     frame: np.ndarray
     position: np.ndarray
@@ -68,8 +74,10 @@ class Seen:
         """Return what is seen now."""
         contact = data.contact
         state = LimitState.of(data) if np.count_nonzero(rows.source < -1) else None
+        equal = rows.row[rows.first[kept]]
+        ties = data.efc_id[equal].copy(), float(np.abs(data.efc_pos[equal]).max(initial=0.0))
         copies = contact.geom.copy(), contact.frame.copy(), contact.pos.copy()
-        return cls(model, names, limits, rows, kept, *copies, state, metric[0].copy(), metric[1].copy())
+        return cls(model, names, limits, rows, kept, *ties, *copies, state, metric[0].copy(), metric[1].copy())
 
     def contacts(self, groups: np.ndarray) -> Contacts:
         """Return some groups, contacts first and then limits, int (h,), as contacts."""
@@ -110,7 +118,7 @@ class Seen:
             J_t = self._gradients(tangential)
             along = _beside(rows.before[tangential], J_t @ velocity)
             friction_of_rows = Friction(J_t, contact, rows.scale[tangential], along)
-        surface, equal = _beside(rows.before[first], J @ velocity), rows.first[self.kept]
+        surface = _beside(rows.before[first], J @ velocity)
         return Collision(
             mass_matrix(self.factor, *self._layout, self.inverse),
             J,
@@ -118,8 +126,20 @@ class Seen:
             labels=labels,
             friction=friction_of_rows,
             surface_velocity=surface if surface.any() else None,
-            bilateral_jacobian=self._gradients(equal) if len(equal) else None,
+            bilateral_jacobian=self._constraints,
         )
+
+    @cached_property
+    def _constraints(self) -> np.ndarray | None:
+        """Gradients of the equality constraints that count, (k, nv)."""
+        first = self.rows.first[self.kept]
+        if not len(first):
+            return None
+        J, (many, begin, _) = self._gradients(first), self.rows.sparse[:, first]
+        Y = np.zeros_like(J)
+        for y, start, end in zip(Y, begin, begin + many, strict=True):
+            y[self.rows.colind[start:end]] = self.rows.value[start:end]
+        return rows_that_count(self.model, self.number, self.given, J, Y, np.ones(len(J), dtype=bool))
 
     def reached(self, collides: np.ndarray, pushed: np.ndarray) -> np.ndarray:
         """Return which groups take part in a collision, bool (g,); see `targets.reached_groups`."""
