@@ -226,3 +226,45 @@ def test_a_connect_that_has_given_way_does_not_drive_a_collision(way, state):
     stepper.step(data)
     assert len(stepper.events) > 0
     assert data.energy.sum() < before + 0.1
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_the_floor_holds_many_bodies_that_are_welded_to_each_other(way):
+    bodies = "".join(
+        f'<body name="b{i}" pos="{0.07 * i} 0 .05"><freejoint/><geom size=".03" mass=".2"/></body>' for i in range(30)
+    )
+    welds = "".join(f'<weld body1="b{i - 1}" body2="b{i}"/>' for i in range(1, 30))
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody><geom type="plane" size="9 9 1"/>'
+        f"{bodies}</worldbody><equality>{welds}</equality></mujoco>"
+    )
+    data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.0), **WAYS[way])
+    for _ in range(100):
+        stepper.step(data)
+        assert data.xpos[1:, 2].min() > 0.028
+
+
+ROD = """<body name="{name}{side}" pos=".2 {y} 0"><joint type="ball"/><geom type="capsule" size=".006" mass=".1"
+  fromto="0 0 0 -.12 0 -.35" contype="0" conaffinity="0"/></body>"""
+ARM = """<frame euler="0 0 {turn}"><frame pos=".2 0 0"><body><joint axis="0 1 0"/><geom type="capsule" size=".015"
+  mass=".5" fromto="0 0 0 .2 0 0" contype="0" conaffinity="0"/>{rods}</body></frame></frame>"""
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_the_platform_of_a_delta_robot_bounces(way):
+    arms = "".join(
+        ARM.format(turn=120 * k, rods="".join(ROD.format(name=k, side=s, y=f"{s}.05") for s in "+-")) for k in range(3)
+    )
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><option timestep="0.001" integrator="RK4"/><worldbody><geom type="plane" size="1 1 1" pos="0 0 -.4"/>'
+        f'{arms}<body name="platform" pos="0 0 -.35"><freejoint/><geom type="cylinder" size=".1 .01" mass=".5"/></body>'
+        "</worldbody><equality>"
+        + "".join(f'<connect body1="{k}{s}" body2="platform" anchor="-.12 0 -.35"/>' for k in range(3) for s in "+-")
+        + "</equality></mujoco>"
+    )
+    data, stepper, upwards = mujoco.MjData(model), Stepper(model, Moreau(0.8), **WAYS[way]), 0.0
+    for _ in range(150):
+        stepper.step(data)
+        assert data.body("platform").xpos[2] > -0.392
+        upwards = max(upwards, data.qvel[-4])
+    assert upwards > 0.3

@@ -45,6 +45,14 @@ def _largest(numbers_of):
     return largest
 
 
+@plain
+def _largest_size(numbers_of):
+    largest = 0.0
+    for one in numbers_of:
+        largest = max(largest, abs(one))
+    return largest
+
+
 @kernel
 def parts_of_longest(number, constraints, Jnnz, Jadr, Jcol, J, weight, part):
     """Write how long rows of equality constraints are next to others, (ne,): `equality_constraints.parts_of_longest`.
@@ -122,7 +130,9 @@ def find_tied(kinds, number, constraints, Jnnz, Jadr, Jcol, J, weight, address, 
     for c in range(len(address)):
         if address[c] >= 0:
             _write_scaled(Jnnz, Jadr, Jcol, J, address[c], weight, trial)
-            tied[c] = leave_out(basis, count, nv, trial, FIRST) <= TIED
+            whole = _largest_size(trial)
+            leave_out(basis, count, nv, trial, FIRST)
+            tied[c] = dot(trial, FIRST, trial, FIRST, nv) <= TIED * whole * _largest_size(trial)
 
 
 @compiled()
