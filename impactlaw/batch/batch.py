@@ -227,7 +227,12 @@ class Batch:
         return found
 
     def expanded(self, name: str) -> np.ndarray | None:
-        """Return what `expand` has returned for a field, or None if all worlds have that of the model."""
+        """Return what `expand` has returned for a field, (nsim, ..), or None if all worlds have that of the model.
+
+        Raises:
+            UnknownNameError: there is no such field.
+        """
+        check_name(name)
         return self._fields.expanded(name)
 
     def step(self, ids: Sequence[int] | None = None, nstep: int = 1) -> None:

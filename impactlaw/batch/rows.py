@@ -18,6 +18,8 @@ _STATE = {
     "mocap_pos": "MOCAP_POS", "mocap_quat": "MOCAP_QUAT", "userdata": "USERDATA",
 }  # fmt: skip
 
+_OF_MODEL = "field of mjModel"
+
 
 class Fields:
     """Live arrays over the fields of all worlds.
@@ -48,10 +50,12 @@ class Fields:
     def expand(self, name: str) -> np.ndarray:
         """Return a field of mjModel that each world has for itself from now on, (nsim, ..)."""
         self._check_no_option(name)
-        return self._array("mjb_expand", name, self._model, "field of mjModel", writeable=True)
+        return self._array("mjb_expand", name, self._model, _OF_MODEL, writeable=True)
 
     def expanded(self, name: str) -> np.ndarray | None:
         """Return what `expand` has returned, or None if it was not asked for this field."""
+        if not _is_array(self._model, name):
+            raise _unknown(self._model, name, _OF_MODEL)
         return self._known.get(("mjb_expand", name))
 
     def _check_no_option(self, name: str) -> None:
@@ -87,12 +91,16 @@ class Fields:
             if not at and isinstance(like, np.ndarray):
                 raise UnsupportedError(f"{name!r} is a {what}, but one that MuJoCo's batches cannot bind or expand")
             if not at or not isinstance(like, np.ndarray):
-                raise UnknownNameError(what, name, [one for one in dir(owner) if _is_array(owner, one)])
+                raise _unknown(owner, name, what)
             shape = (self._pool.worlds, *like.shape)
             found = _numbers(self._pool, at, shape, like.dtype)
             found.flags.writeable = writeable
             self._known[function, name] = found
         return self._known[function, name]
+
+
+def _unknown(owner: Any, name: str, what: str) -> UnknownNameError:
+    return UnknownNameError(what, name, [one for one in dir(owner) if _is_array(owner, one)])
 
 
 def _is_array(owner: Any, name: str) -> bool:

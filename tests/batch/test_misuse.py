@@ -126,6 +126,8 @@ def test_fields_that_worlds_cannot_have(batch):
         batch.expand("timestep")
     with pytest.raises(UnsupportedError, match=r"gravity is an option .* or expand body_gravcomp"):
         batch.expand("opt.gravity")
+    with pytest.raises(UnknownNameError, match="'body_masses'; did you mean 'body_mass'"):
+        batch.expanded("body_masses")
     with pytest.raises(UnknownNameError):
         batch.bind("ncon")
 

@@ -3,6 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
+from scenes import WAYS
 
 from impactlaw import Moreau, Stepper
 
@@ -16,13 +17,6 @@ LINKAGE = """<mujoco><compiler angle="radian"/><option timestep="0.001" gravity=
     <body pos=".15 0 1" gravcomp="1"><joint type="slide" axis="0 0 1"/><geom size=".02" mass=".2"/></body>
   </frame></worldbody><equality>{tie}</equality></mujoco>"""
 TIES = {"weld": '<weld body1="a" body2="b"/>', "connect": '<connect body1="a" body2="b" anchor=".1 .01 .1"/>'}
-WAYS = {
-    "time-stepping": {"scheme": "time-stepping"},
-    "time-stepping in Python": {"scheme": "time-stepping", "compiled": "never"},
-    "soft": {"contact_model": "soft"},
-    "soft in Python": {"contact_model": "soft", "compiled": "never"},
-    "event-driven": {},
-}
 AS_WRITTEN = "1 1e-6 0 2e-6"  # the hinges' axes differ by some 4e-6 rad
 
 

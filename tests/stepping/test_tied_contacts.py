@@ -3,6 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
+from scenes import WAYS
 
 from impactlaw import Moreau, Stepper
 
@@ -19,13 +20,6 @@ TIES = {
     "weld": '<weld body1="a" body2="b"/>',
     "connect": '<connect body1="a" body2="b" anchor=".1 0 0"/>',
     "hinge": HINGE,
-}
-WAYS = {
-    "time-stepping": {"scheme": "time-stepping"},
-    "time-stepping in Python": {"scheme": "time-stepping", "compiled": "never"},
-    "soft": {"contact_model": "soft"},
-    "soft in Python": {"contact_model": "soft", "compiled": "never"},
-    "event-driven": {},
 }
 
 

@@ -41,14 +41,6 @@ def leave_out(basis, count, nv, row, at):
 def _largest(numbers_of):
     largest = 0.0
     for one in numbers_of:
-        largest = max(largest, one)
-    return largest
-
-
-@plain
-def _largest_size(numbers_of):
-    largest = 0.0
-    for one in numbers_of:
         largest = max(largest, abs(one))
     return largest
 
@@ -130,9 +122,9 @@ def find_tied(kinds, number, constraints, Jnnz, Jadr, Jcol, J, weight, address, 
     for c in range(len(address)):
         if address[c] >= 0:
             _write_scaled(Jnnz, Jadr, Jcol, J, address[c], weight, trial)
-            whole = _largest_size(trial)
+            whole = _largest(trial)
             leave_out(basis, count, nv, trial, FIRST)
-            tied[c] = dot(trial, FIRST, trial, FIRST, nv) <= TIED * whole * _largest_size(trial)
+            tied[c] = dot(trial, FIRST, trial, FIRST, nv) <= TIED * whole * _largest(trial)
 
 
 @compiled()
