@@ -22,7 +22,7 @@ DRIFT = 1e-3
 """Part of the fastest contact, in the kinetic metric, up to which a constraint that moves a gap is at rest."""
 TIED = 0.2
 """What such constraints must leave of a gap gradient for contact to act: of how fast the gap opens next to the fastest
-degree of freedom, in units of `lengths`."""
+degree of freedom, in units of `lengths`. Where constraints have drifted, of the length of the gradient."""
 SHIFTS = 3
 """How many rows of a connect or weld keep points together; others of a weld keep it from turning."""
 _TORQUE, _LOOSE = 10, 0.3
