@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import ctypes
 import warnings
+import weakref
 from collections.abc import Callable
 from typing import Any
 
@@ -29,7 +30,7 @@ from impactlaw.stepping.time_stepping.compiled.state.law import reason
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import last_motion, put_motion
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING
-from impactlaw.stepping.time_stepping.compiled.told import Teller
+from impactlaw.stepping.time_stepping.compiled.told import Replay, Teller
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
 _CALLBACK = "a callback of MuJoCo is set"
@@ -46,6 +47,7 @@ class CompiledStepping:
         when_gone(self, memory.free, self._memory)
         self._before = np.zeros(self._memory.shape[1])
         self.unlocated = 0
+        self._replay: weakref.ref[Replay] | None = None  # of the last collision
         self._prepare()
 
     def _prepare(self) -> None:
@@ -120,6 +122,8 @@ class CompiledStepping:
 
     def step(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
         """Advance by one timestep and return what tells its collisions; data is back where it was after an error."""
+        if self._replay is not None and (replay := self._replay()) is not None:
+            _ = replay.start  # a copy of what is overwritten now
         if self._reason is not None:
             return self._in_python(data)
         if self._entry is None:
@@ -146,7 +150,9 @@ class CompiledStepping:
             self._write_context()
         if not self._told[_COLLIDED]:
             return ()
-        return self._teller.tell(self._state.copy(), self._before.copy(), self.numbers)
+        replay = Replay(self._teller, self, self._state, self._before, self.numbers)
+        self._replay = weakref.ref(replay)
+        return replay
 
     def _in_python(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
         self._counts[MEMORY.known] = 0

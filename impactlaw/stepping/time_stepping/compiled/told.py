@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -40,13 +40,6 @@ class Teller:
     def _steps(self) -> Any:
         return self._compile(self.scheme)
 
-    def tell(self, state: np.ndarray, before: np.ndarray, numbers: np.ndarray) -> Replay:
-        """Return what tells the collision of a step from its start, what was known then, and what is known now."""
-        begin, model = MEMORY.left, self.scheme.model
-        return Replay(
-            self, state, before, numbers[begin + model.nq : begin + model.nq + model.nv].copy(), self.told(numbers)
-        )
-
     def told(self, numbers: np.ndarray) -> ImpactSums | None:
         """Return the sums that a step has found; None if it was not to, or where only events tell."""
         if not self._settings[SETTING.told]:
@@ -73,44 +66,75 @@ class Teller:
         return data.qvel.copy()
 
 
-class Replay:
-    """The collisions of one step; see `Teller`."""
+class Start(NamedTuple):
+    """What a step began with, and what it came to."""
 
-    def __init__(
-        self, teller: Teller, state: np.ndarray, numbers: np.ndarray, after: np.ndarray, found: ImpactSums | None
-    ):
-        self._teller, self._state, self._numbers, self._after, self._found = teller, state, numbers, after, found
-        self._impulses = memory.raw(numbers)
+    state: np.ndarray
+    numbers: np.ndarray  # see `memory`
+    impulses: bytes  # see `memory.raw`
+    after: np.ndarray  # velocity that it led to, (nv,)
+    sums: ImpactSums | None  # over its collisions, if it was to find them
+
+
+class Replay:
+    """The collisions of one step; see `Teller`.
+
+    Most are dropped unasked: what the next step overwrites is copied by then, if anybody still has this.
+
+    Args:
+        teller: takes the step once more.
+        owner: of the arrays that follow, and of the impulses of the step before.
+        state: that the step began with.
+        before: what was known then.
+        numbers: what is known now.
+    """
+
+    def __init__(self, teller: Teller, owner: object, state: np.ndarray, before: np.ndarray, numbers: np.ndarray):
+        self._teller, self._places = teller, (owner, state, before, numbers)
 
     def __call__(self) -> tuple[ImpactEvent, ...]:
         """Return them as events."""
         return self._events
 
     @cached_property
+    def start(self) -> Start:
+        """What it began with, copied when this is first asked for."""
+        _, state, before, numbers = self._places
+        at = MEMORY.left + self._teller.scheme.model.nq
+        after = numbers[at : at + self._teller.scheme.model.nv].copy()
+        return Start(state.copy(), before.copy(), memory.raw(before), after, self._teller.told(numbers))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """A copy has what the step began with."""
+        return {"_teller": self._teller, "start": self.start}
+
+    @cached_property
     def sums(self) -> ImpactSums:
         """Sums over them."""
-        known = self._found or self._teller.sums(self._state, self._numbers, self._impulses)
+        start = self.start
+        known = start.sums or self._teller.sums(start.state, start.numbers, start.impulses)
         return known or ImpactSums.of(self._events)
 
     @cached_property
     def _events(self) -> tuple[ImpactEvent, ...]:
-        scheme, data = self._teller.scheme, self._teller.data
-        model, kept = scheme.model, scheme.short_steps
-        restore_state(model, data, self._state)
-        counts = self._numbers.view(np.int64)
+        scheme, data, start = self._teller.scheme, self._teller.data, self.start
+        model, kept, numbers = scheme.model, scheme.short_steps, start.numbers
+        restore_state(model, data, start.state)
+        counts = numbers.view(np.int64)
         begin = MEMORY.left + model.nq + model.nv
-        gained = self._numbers[begin : begin + 2 * model.nv].reshape(2, model.nv)
-        motion = last_motion(self._numbers, model)
-        known = memory.recollect(self._numbers, self._impulses)
+        gained = numbers[begin : begin + 2 * model.nv].reshape(2, model.nv)
+        motion = last_motion(numbers, model)
+        known = memory.recollect(numbers, start.impulses)
         scheme.resume(data, known, gained, motion, solved=bool(counts[MEMORY.solved]))
         told = scheme.step(data)
         scheme.short_steps = kept
         time, events = float(data.time), told() if callable(told) else told
         # where a problem has several solutions, Python's can be another one
-        if self._misses(data.qvel) and self._misses(self._teller.again(self._state, self._numbers, self._impulses)):
+        if self._misses(data.qvel) and self._misses(self._teller.again(start.state, numbers, start.impulses)):
             raise changed_model(time)
         return events
 
     def _misses(self, velocity: np.ndarray) -> bool:
         """Return whether the step, once more, has led to another velocity than before."""
-        return bool(np.abs(velocity - self._after).max() > _SAME * max(SLOWEST, np.abs(self._after).max()))
+        after = self.start.after
+        return bool(np.abs(velocity - after).max() > _SAME * max(SLOWEST, np.abs(after).max()))

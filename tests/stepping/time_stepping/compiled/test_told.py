@@ -128,10 +128,15 @@ def fall(law: Law) -> tuple[Stepper, mujoco.MjData]:
     return stepper, data
 
 
+def energies(events: tuple[ImpactEvent, ...]) -> list[float]:
+    """Return T+ - T- of each event."""
+    return [event.impact.energy_change for event in events]
+
+
 def energy(events: tuple[ImpactEvent, ...]) -> float:
     """Return T+ - T- of a single event."""
-    (event,) = events
-    return event.impact.energy_change
+    (change,) = energies(events)
+    return change
 
 
 def test_a_law_set_afterwards_does_not_tell_the_collisions_of_before():
@@ -149,6 +154,22 @@ def test_copies_tell_the_same(copied):
     stepper, _ = fall(Moreau(0.5))
     before, other = stepper.sums, copied(stepper)
     np.testing.assert_allclose(other.sums, before, rtol=1e-12)
+
+
+@pytest.mark.parametrize("copied", [lambda told: told, copy.deepcopy])
+def test_collisions_are_told_after_further_steps_and_without_their_stepper(copied):
+    model, told, expected = gymnasium.make("Hopper-v5").unwrapped.model, [], []  # pyright: ignore[reportAttributeAccessIssue]
+    one, other = mujoco.MjData(model), mujoco.MjData(model)
+    stepper, asking = compiled_stepper(model, Moreau(0.5)), compiled_stepper(model, Moreau(0.5))
+    for _ in range(300):
+        stepper.step(one)
+        asking.step(other)
+        if stepper.told:
+            told.append(copied(stepper.told))
+            expected.append(energies(asking.events))
+    del stepper
+    assert len(told) > 3
+    assert [energies(later()) for later in told] == expected
 
 
 def test_nothing_of_no_collision():
