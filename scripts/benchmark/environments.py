@@ -113,12 +113,14 @@ def run_robots(study: RobotCost, progress: Callable[[], object] = lambda: None) 
                 "time_stepping_us": Stepper(model, Moreau(0.0), scheme="time-stepping").step,
                 "soft_us": Stepper(model, Moreau(0.0), contact_model="soft").step,
             }
-            best = dict.fromkeys(ways, np.inf)
+            pieces = -(-study.steps // _HELD)
+            best = {way: np.full(pieces, np.inf) for way in ways}
             for _ in range(study.repetitions):
                 for way, step in ways.items():
-                    best[way] = min(best[way], _drive(model, step, study.steps))
-            row: dict[str, object] = {"robot": name, "integrator": mujoco.mjtIntegrator(integrator).name[6:], **best}
-            ratios = {f"{way}_ratio": best[f"{way}_us"] / best["mujoco_us"] for way in ("time_stepping", "soft")}
+                    best[way] = np.minimum(best[way], _drive(model, step, pieces))
+            cost = {way: MICRO * float(seconds.sum()) / (pieces * _HELD) for way, seconds in best.items()}
+            row: dict[str, object] = {"robot": name, "integrator": mujoco.mjtIntegrator(integrator).name[6:], **cost}
+            ratios = {f"{way}_ratio": cost[f"{way}_us"] / cost["mujoco_us"] for way in ("time_stepping", "soft")}
             rows.append(row | ratios | {"shipped": integrator == shipped})
             progress()
     return pd.DataFrame(rows)
@@ -133,17 +135,18 @@ def _robot(name: str) -> mujoco.MjModel:
     return env.model
 
 
-def _drive(model: mujoco.MjModel, step: Callable[[mujoco.MjData], object], steps: int) -> float:
-    """Return the microseconds of a step; controls are random in their range, and the same each time."""
+def _drive(model: mujoco.MjModel, step: Callable[[mujoco.MjData], object], pieces: int) -> np.ndarray:
+    """Return the seconds of each piece of steps; controls are random in their range, and the same each time."""
     data = mujoco.MjData(model)
-    told = controls(model, "random", data.ctrl, -(-steps // _HELD), 0)
+    seconds = []
     with no_collection():
-        start = time.perf_counter()
-        for control in told:
+        for control in controls(model, "random", data.ctrl, pieces, 0):
+            start = time.perf_counter()
             data.ctrl[:] = control
             for _ in range(_HELD):
                 step(data)
-        return MICRO * (time.perf_counter() - start) / (len(told) * _HELD)
+            seconds.append(time.perf_counter() - start)
+    return np.array(seconds)
 
 
 @dataclass(frozen=True, kw_only=True)
