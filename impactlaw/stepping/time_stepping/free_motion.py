@@ -64,7 +64,7 @@ def _set_margins(
     set_margins(
         model.body_margin, model.geom_margin, model.geom_gap, model.pair_margin, model.pair_gap,
         model.jnt_margin, model.tendon_margin,
-        model.geom_bodyid, model.body_rootid, sizes, data.xipos, data.subtree_com, now, led_to,
+        model.geom_bodyid, model.body_rootid, model.body_treeid, sizes, data.xipos, data.subtree_com, now, led_to,
         model.body_mocapid, surface, model.opt.timestep, float(np.sqrt(gravity.dot(gravity))),
     )  # fmt: skip
 
@@ -72,11 +72,8 @@ def _set_margins(
 def outrun(model: mujoco.MjModel, data: mujoco.MjData, sizes: np.ndarray) -> bool:
     """Return whether a collision throws a body farther in a timestep than contacts were looked for."""
     mj_comVel(model, data)
-    return bool(
-        find_outrun(
-            model.body_margin, model.body_rootid, sizes, data.xipos, data.subtree_com, data.cvel, model.opt.timestep
-        )
-    )
+    bodies = model.body_margin, model.body_rootid, model.body_treeid, sizes, data.xipos
+    return bool(find_outrun(*bodies, data.subtree_com, data.cvel, model.opt.timestep))
 
 
 def look_farther(

@@ -64,58 +64,126 @@ def _length(v):
 
 
 @plain
-def _speed(velocity, arm, size):
-    """Return how fast a point of a body can be, m/s, from its row of MuJoCo's cvel."""
-    w0, w1, w2 = velocity[0], velocity[1], velocity[2]
-    v0 = velocity[3] + w1 * arm[2] - w2 * arm[1]
-    v1 = velocity[4] + w2 * arm[0] - w0 * arm[2]
-    v2 = velocity[5] + w0 * arm[1] - w1 * arm[0]
-    return np.sqrt(v0 * v0 + v1 * v1 + v2 * v2) + np.sqrt(w0 * w0 + w1 * w1 + w2 * w2) * size
+def _center_square(velocity, along, arm):
+    """Return the square of how fast a body's center of mass is for one who moves along, from rows of MuJoCo's cvel."""
+    w0, w1, w2 = velocity[0] - along[0], velocity[1] - along[1], velocity[2] - along[2]
+    v0 = velocity[3] - along[3] + w1 * arm[2] - w2 * arm[1]
+    v1 = velocity[4] - along[4] + w2 * arm[0] - w0 * arm[2]
+    v2 = velocity[5] - along[5] + w0 * arm[1] - w1 * arm[0]
+    return v0 * v0 + v1 * v1 + v2 * v2
 
 
 @plain
-def outruns(body_margin, root, size, center, subtree, velocity, timestep):
+def _speed(velocity, along, arm, size):
+    """Return how fast a point of a body can be for one who moves along, m/s."""
+    w0, w1, w2 = velocity[0] - along[0], velocity[1] - along[1], velocity[2] - along[2]
+    return np.sqrt(_center_square(velocity, along, arm)) + np.sqrt(w0 * w0 + w1 * w1 + w2 * w2) * size
+
+
+@plain
+def _arm(i, root, center, subtree):
+    about = subtree[root[i]]
+    return center[i, 0] - about[0], center[i, 1] - about[1], center[i, 2] - about[2]
+
+
+@plain
+def _leader(tree):
+    """Return the first body of the only tree of bodies, or where there are more, the world, 0."""
+    first = 0
+    for i in range(len(tree)):
+        if tree[i] > 0:
+            return 0
+        if tree[i] == 0 and first == 0:
+            first = i
+    return first
+
+
+@plain
+def _calm_leader(root, tree, center, subtree, velocity):
+    """Return the leader if bodies are slower for it than for the world, else the world."""
+    leader, slower = _leader(tree), 0.0
+    for i in range(len(tree) if leader != 0 else 0):
+        if tree[i] == 0:
+            arm = _arm(i, root, center, subtree)
+            slower += _center_square(velocity[i], velocity[0], arm)
+            slower -= _center_square(velocity[i], velocity[leader], arm)
+    return leader if slower > 0.0 else 0
+
+
+@plain
+def _pass_by(leader, root, tree, size, center, subtree, velocity):
+    """Return how fast points of the world pass by where bodies of the leader's tree are, m/s, for who moves along."""
+    far, largest, at = 0.0, 0.0, (0.0, 0.0, 0.0)
+    for i in range(len(tree)):
+        if tree[i] == 0:
+            x, y, z = _arm(i, root, center, subtree)
+            far, largest = max(far, x * x + y * y + z * z), max(largest, size[i])
+    return _speed(velocity[leader], velocity[0], at, np.sqrt(far) + largest)
+
+
+@plain
+def outruns(body_margin, root, tree, size, center, subtree, velocity, timestep):
     """Return whether some body moves farther in a timestep than contacts were looked for.
+
+    It does not if it does not for one who moves along with the leader.
 
     Args:
         body_margin: that they were looked for with, m, (nbody,).
-        root: see `set_margins`, like the three that follow.
+        root: see `set_margins`, like the five that follow.
+        tree: of bodies.
         size: of bodies.
         center: of bodies.
         subtree: centers of mass.
         velocity: MuJoCo's cvel, of what contact has led to, (nbody, 6).
         timestep: h, s.
     """
-    for i in range(1, len(body_margin)):
-        about = subtree[root[i]]
-        arm = (center[i, 0] - about[0], center[i, 1] - about[1], center[i, 2] - about[2])
-        if timestep * _speed(velocity[i], arm, size[i]) > body_margin[i]:
-            return True
+    leader = _leader(tree)
+    far = _is_far(body_margin, root, tree, size, center, subtree, velocity, timestep, 0)
+    if far and leader != 0:
+        far = timestep * _pass_by(leader, root, tree, size, center, subtree, velocity) > body_margin[0]
+        return far or _is_far(body_margin, root, tree, size, center, subtree, velocity, timestep, leader)
+    return far
+
+
+@plain
+def _is_far(body_margin, root, tree, size, center, subtree, velocity, timestep, leader):
+    for i in range(len(tree)):
+        if tree[i] >= 0:
+            speed = _speed(velocity[i], velocity[leader], _arm(i, root, center, subtree), size[i])
+            if timestep * speed > body_margin[i]:
+                return True
     return False
 
 
 @compiled()
-def find_outrun(body_margin, root, size, center, subtree, velocity, timestep):
+def find_outrun(body_margin, root, tree, size, center, subtree, velocity, timestep):
     """Do what `outruns` does."""
-    return outruns(body_margin, root, size, center, subtree, velocity, timestep)
+    return outruns(body_margin, root, tree, size, center, subtree, velocity, timestep)
 
 
 @plain
 def write_margins(
-    body_margin, geom_margin, geom_gap, pair_margin, pair_gap, joint_margin, tendon_margin, body_of_geom, root, size,
-    center, subtree, velocity, led_to, mocap, surface_speed, timestep, gravity,
+    body_margin, geom_margin, geom_gap, pair_margin, pair_gap, joint_margin, tendon_margin, body_of_geom, root, tree,
+    size, center, subtree, velocity, led_to, mocap, surface_speed, timestep, gravity,
 ):  # fmt: skip
     """Do what `set_margins` does."""
-    far = 0.0
-    for i in range(len(body_margin)):
-        about = subtree[root[i]]
-        arm = (center[i, 0] - about[0], center[i, 1] - about[1], center[i, 2] - about[2])
-        speed = max(_speed(velocity[i], arm, size[i]), _speed(led_to[i], arm, size[i]))
+    leader = _calm_leader(root, tree, center, subtree, velocity)
+    for i in range(len(tree)):
+        arm = _arm(i, root, center, subtree)
+        speed = _speed(velocity[i], velocity[leader], arm, size[i])
+        speed = max(speed, _speed(led_to[i], led_to[leader], arm, size[i]))
         if mocap[root[i]] >= 0:
             speed += surface_speed
-        reach = 0.0 if i == 0 else SLACK * timestep * (speed + timestep * gravity) + LEAST
-        body_margin[i] = reach
-        far = max(far, reach)
+        body_margin[i] = 0.0 if i == 0 else SLACK * timestep * (speed + timestep * gravity) + LEAST
+    if leader != 0:
+        speed = _pass_by(leader, root, tree, size, center, subtree, velocity)
+        speed = max(speed, _pass_by(leader, root, tree, size, center, subtree, led_to))
+        for i in range(len(tree)):
+            if tree[i] < 0:
+                body_margin[i] = SLACK * timestep * (speed + surface_speed)
+    far = 0.0
+    for i in range(len(tree)):
+        far = max(far, body_margin[i])
     for i in range(len(geom_margin)):
         geom_margin[i], geom_gap[i] = body_margin[body_of_geom[i]] + geom_gap[i], 0.0
     for i in range(len(geom_margin)):
@@ -128,13 +196,15 @@ def write_margins(
 
 @compiled()
 def set_margins(
-    body_margin, geom_margin, geom_gap, pair_margin, pair_gap, joint_margin, tendon_margin, body_of_geom, root, size,
-    center, subtree, velocity, led_to, mocap, surface_speed, timestep, gravity,
+    body_margin, geom_margin, geom_gap, pair_margin, pair_gap, joint_margin, tendon_margin, body_of_geom, root, tree,
+    size, center, subtree, velocity, led_to, mocap, surface_speed, timestep, gravity,
 ):  # fmt: skip
     """Write margins of bodies, geoms, pairs, joints and tendons, m or rad, for one step.
 
-    MuJoCo adds up the margins of two geoms: each is what its own body can travel in the step, and some more. Limits
-    of joints and tendons are always found; those that are far are left out by `rows.read_rows`.
+    MuJoCo adds up the margins of two geoms: each is what its own body can travel in the step, and some more. Where
+    all that moves is one tree, it is what they travel for one who moves along with the first body of that, if this is
+    less: a robot that falls does not find all parts of its own. The world has a margin there, too, for it passes by.
+    Limits of joints and tendons are always found; those that are far are left out by `rows.read_rows`.
 
     Args:
         body_margin: to be written, like the other margins, (nbody,).
@@ -145,7 +215,8 @@ def set_margins(
         joint_margin: (njnt,).
         tendon_margin: (ntendon,).
         body_of_geom: body of each geom, (ngeom,).
-        root: root of each body's tree, (nbody,).
+        root: the body on the world that carries each body, (nbody,).
+        tree: of each body, or -1 if it has no degrees of freedom, (nbody,).
         size: `find_sizes`, (nbody,).
         center: centers of mass of bodies, (nbody, 3).
         subtree: centers of mass of subtrees, (nbody, 3).
@@ -158,5 +229,5 @@ def set_margins(
     """
     write_margins(
         body_margin, geom_margin, geom_gap, pair_margin, pair_gap, joint_margin, tendon_margin, body_of_geom, root,
-        size, center, subtree, velocity, led_to, mocap, surface_speed, timestep, gravity,
+        tree, size, center, subtree, velocity, led_to, mocap, surface_speed, timestep, gravity,
     )  # fmt: skip

@@ -104,7 +104,8 @@ def _write_margins(w, now, led_to):
         model_floats(w, MODEL.geom_gap, ngeom), model_floats(w, MODEL.pair_margin, npair),
         model_floats(w, MODEL.pair_gap, npair), model_floats(w, MODEL.jnt_margin, size(w, MODEL.njnt)),
         model_floats(w, MODEL.tendon_margin, ntendon),
-        model_ints(w, MODEL.geom_bodyid, ngeom), model_ints(w, MODEL.body_rootid, nbody), floats(w.sizes, nbody),
+        model_ints(w, MODEL.geom_bodyid, ngeom), model_ints(w, MODEL.body_rootid, nbody),
+        model_ints(w, MODEL.body_treeid, nbody), floats(w.sizes, nbody),
         rows_of(w, DATA.xipos, nbody, 3), rows_of(w, DATA.subtree_com, nbody, 3), now, led_to,
         model_ints(w, MODEL.body_mocapid, nbody), surface_speed(w), w.timestep,
         norm(gravity),
@@ -140,7 +141,8 @@ def outrun(w):
     nbody = size(w, MODEL.nbody)
     mj.com_vel(w.model, w.data)
     return outruns(
-        model_floats(w, MODEL.body_margin, nbody), model_ints(w, MODEL.body_rootid, nbody), floats(w.sizes, nbody),
+        model_floats(w, MODEL.body_margin, nbody), model_ints(w, MODEL.body_rootid, nbody),
+        model_ints(w, MODEL.body_treeid, nbody), floats(w.sizes, nbody),
         rows_of(w, DATA.xipos, nbody, 3), rows_of(w, DATA.subtree_com, nbody, 3), rows_of(w, DATA.cvel, nbody, 6),
         w.timestep,
     )  # fmt: skip

@@ -1,0 +1,168 @@
+"""Contacts are looked for as far as geoms can come to each other, which is not as far as they go together."""
+
+import mujoco
+import numpy as np
+import pytest
+from scenes import compiled
+from stepping.time_stepping.stepped import FLOOR, stepping
+
+from impactlaw import Moreau
+from impactlaw.stepping.time_stepping.margins import SLACK, find_outrun, find_sizes, set_margins
+
+H = 1e-3
+
+
+def branches(rng, many, name, root):
+    """A body with a joint of its own, whose children are at random places; ``many`` bodies in all."""
+    xml, left = [], many
+    turn = " ".join(f"{x:.3f}" for x in rng.normal(size=3))
+    place = " ".join(f"{x:.3f}" for x in rng.uniform(-0.15, 0.15, 3))
+    joint = root or f'<joint type="{rng.choice(["hinge", "slide"])}" axis="{turn}"/>'
+    shape = rng.choice(['type="sphere" size=".04"', 'type="capsule" size=".03 .05"'])
+    while left > 1:
+        part = int(rng.integers(1, left))
+        xml.append(branches(rng, part, f"{name}{left}", ""))
+        left -= part
+    return f'<body name="{name}" pos="{place}">{joint}<geom {shape} euler="{turn}"/>{"".join(xml)}</body>'
+
+
+def scene(rng, trees, root):
+    """Trees of bodies near a floor, a wall and a ball that a mocap body carries and does not move."""
+    world = "".join(branches(rng, 7, f"t{i}", root) for i in range(trees))
+    world += FLOOR + '<body pos=".3 0 .2"><geom type="box" size=".05 .5 .5"/></body>'
+    world += '<body mocap="true" pos="-.3 0 .1"><geom size=".1"/></body>'
+    model, data = compiled(world, option=f'timestep="{H}"')
+    model.qpos0[:] += rng.normal(size=model.nq) * 0.05
+    data.qpos[:] = model.qpos0
+    mujoco.mj_normalizeQuat(model, data.qpos)
+    data.qvel[:] = rng.normal(size=model.nv)
+    if rng.random() < 0.7:  # all of a tree is fast
+        data.qvel[:6] += 5.0 * rng.normal(size=6)
+    return model, data
+
+
+def reached(model, data, led_to):
+    """The margins of bodies for one step, which geoms have in the model, too."""
+    size, now = np.zeros(model.nbody), data.cvel.copy()
+    find_sizes(size, model.geom_type, model.geom_bodyid, model.geom_pos, model.geom_rbound, model.body_ipos)
+    set_margins(
+        model.body_margin, model.geom_margin, model.geom_gap, model.pair_margin, model.pair_gap, model.jnt_margin,
+        model.tendon_margin, model.geom_bodyid, model.body_rootid, model.body_treeid, size, data.xipos,
+        data.subtree_com, now, led_to, model.body_mocapid, 0.0, H, 9.81,
+    )  # fmt: skip
+    return size
+
+
+def velocities_of_bodies(model, data, qvel):
+    """MuJoCo's cvel at another velocity."""
+    kept = data.qvel.copy()
+    data.qvel[:] = qvel
+    mujoco.mj_comVel(model, data)
+    found = data.cvel.copy()
+    data.qvel[:] = kept
+    mujoco.mj_comVel(model, data)
+    return found
+
+
+def fastest_approaches(rng, model, data, cvel):
+    """How fast points of two geoms come to each other at most, m/s, over random points, (ngeom, ngeom)."""
+    points, most = 20, np.zeros((model.ngeom, model.ngeom))
+    for _ in range(points):
+        way = rng.normal(size=(model.ngeom, 3))
+        at = data.geom_xpos + way / np.linalg.norm(way, axis=1)[:, None] * model.geom_rbound[:, None]
+        twist = cvel[model.geom_bodyid]
+        about = data.subtree_com[model.body_rootid[model.geom_bodyid]]
+        speed = twist[:, 3:] + np.cross(twist[:, :3], at - about)
+        apart = at[:, None] - at[None]
+        normal = apart / np.maximum(np.linalg.norm(apart, axis=2), 1e-12)[..., None]
+        most = np.maximum(most, -np.einsum("abk,abk->ab", normal, speed[:, None] - speed[None]))
+    return most
+
+
+def pairs_that_may_meet(model):
+    """Which geoms are of bodies that move against each other, and are no parent and child, bool (ngeom, ngeom)."""
+    body = model.geom_bodyid
+    tree, parent = model.body_treeid[body], model.body_parentid[body]
+    kin = (body[:, None] == parent[None]) | (parent[:, None] == body[None]) | (body[:, None] == body[None])
+    still = (tree[:, None] < 0) & (tree[None] < 0)
+    return ~still & ~(kin & (tree[:, None] >= 0) & (tree[None] >= 0))
+
+
+ROOTS = {"free": "<freejoint/>", "fixed": '<joint axis="0 1 0"/>'}
+
+
+@pytest.mark.parametrize("root", ROOTS)
+@pytest.mark.parametrize("trees", [1, 2])
+def test_no_two_geoms_come_to_each_other_from_farther_than_their_margins(trees, root):
+    rng = np.random.default_rng(trees)
+    for _ in range(60):
+        model, data = scene(rng, trees, ROOTS[root])
+        mujoco.mj_forward(model, data)
+        cvel = velocities_of_bodies(model, data, data.qvel)
+        led_to = velocities_of_bodies(model, data, data.qvel + rng.normal(size=model.nv))
+        size, may = reached(model, data, led_to), pairs_that_may_meet(model)
+        far = model.geom_margin[:, None] + model.geom_margin[None]
+        for velocity in (cvel, led_to):
+            assert (SLACK * H * fastest_approaches(rng, model, data, velocity) <= far)[may].all()
+        for scale in (0.3, 1.0, 3.0):  # a collision can lead anywhere
+            after = velocities_of_bodies(model, data, scale * rng.permutation(data.qvel))
+            bodies = model.body_margin, model.body_rootid, model.body_treeid, size, data.xipos, data.subtree_com
+            if not find_outrun(*bodies, after, H):
+                assert (H * fastest_approaches(rng, model, data, after) <= far)[may].all()
+
+
+@pytest.mark.parametrize("trees", [1, 2])
+def test_what_meets_within_a_step_is_found_at_its_start(trees):
+    rng, met = np.random.default_rng(trees), 0
+    for _ in range(150):
+        model, data = scene(rng, trees, ROOTS["free"])
+        data.qvel *= 4.0
+        mujoco.mj_forward(model, data)
+        before = {tuple(sorted(pair)) for pair in data.contact.geom[data.contact.dist < 0.0].tolist()}
+        exact = mujoco.MjData(model)
+        exact.qpos[:] = data.qpos
+        mujoco.mj_integratePos(model, exact.qpos, data.qvel, H)
+        mujoco.mj_fwdPosition(model, exact)
+        after = {tuple(sorted(pair)) for pair in exact.contact.geom[exact.contact.dist < 0.0].tolist()} - before
+        reached(model, data, data.cvel.copy())
+        mujoco.mj_fwdPosition(model, data)
+        assert after <= {tuple(sorted(pair)) for pair in data.contact.geom.tolist()}
+        met += len(after)
+    assert met > 20
+
+
+@pytest.mark.parametrize("how", ["auto", "never"])
+def test_a_robot_that_falls_fast_finds_no_contacts_between_its_own_parts(how):
+    """Parts 3 mm from each other fall at 5 m/s, that is 5 mm in a step, and turn with each other."""
+    parts = "".join(
+        f'<body pos="{0.043 * (i + 1)} 0 0"><joint axis="0 0 1" damping="1"/><geom size=".02"/></body>'
+        for i in range(0, 8)
+    )
+    world = f'<body name="palm" pos="0 0 9"><freejoint/><geom size=".02" mass="5"/>{parts}</body>'
+    model, data = compiled(world + FLOOR, option=f'timestep="{H}"')
+    data.qvel[:6] = 0.0, 0.0, -5.0, 0.0, 0.0, 3.0
+    stepper = stepping(model, Moreau(0.5), compiled=how)
+    for _ in range(20):
+        stepper.step(data)
+        assert data.ncon == 0
+
+
+@pytest.mark.parametrize("how", ["auto", "never"])
+def test_a_part_that_the_floor_throws_hits_its_neighbour(how):
+    """A finger falls on the floor at 5 m/s with its palm, which is 4 mm above it: within the step it stops that, too.
+
+    Before the collision the two do not move against each other, so that they are found only when the floor has thrown
+    the finger.
+    """
+    finger = '<body pos="0 0 -.044"><joint type="slide" axis="0 0 1"/><geom name="tip" size=".02" mass="1"/></body>'
+    palm = f'<body pos="0 0 .0661"><joint type="slide" axis="0 0 1"/><geom name="palm" size=".02" mass="1"/>{finger}'
+    model, data = compiled(palm + "</body>" + FLOOR, '<option><flag filterparent="disable"/></option>')
+    data.qvel[:] = -5.0, 0.0
+    stepper = stepping(model, Moreau(1.0), compiled=how)
+    labels = set()
+    for _ in range(2):
+        stepper.step(data)
+        labels |= {label for event in stepper.events for label in event.contacts.labels}
+        mujoco.mj_kinematics(model, data)
+        assert data.geom_xpos[1, 2] - data.geom_xpos[2, 2] > 0.04 - 1e-5
+    assert "palm/tip" in labels
