@@ -23,6 +23,7 @@ class _Data(NamedTuple):
     nf: int
     nl: int
     nJ: int
+    maxuse_efc: int
     pstack: int
     pbase: int
     warning: int

@@ -14,9 +14,9 @@ MuJoCo gives mocap bodies no velocity. The law does, from their motion (`Surface
 decides what collides and how. Between collisions MuJoCo's contacts meet them at rest, where they are at the end of the
 step.
 
-RK4's stages look ahead, which would take from what the law is to reverse. Where the last stage has met new contacts,
-the step is tried again without them (`look_not_ahead`); if there is a collision at the end of that, the law resolves it
-there, and that is the step.
+RK4's stages look ahead, which would take from what the law is to reverse. Where the last stage has met new contacts, or
+one between had more of them, which can have kept the last one away, the step is tried again without them
+(`look_not_ahead`); if there is a collision at the end of that, the law resolves it there, and that is the step.
 """
 
 from __future__ import annotations
@@ -200,9 +200,9 @@ class SoftStepping:
         if integrator == _RK4 and not held:  # its stages would compute forces of their own
             mj_getState(model, data, self._before, _STATE)
             met = _met(data) if contacts else None
-            mj_RungeKutta(model, data, 4)
-            if (contacts or data.ncon or data.nl) and _met(data) != met:
-                events += self._collide_at_end(data)
+            between = _runge_kutta(model, data)
+            if between or ((contacts or data.ncon or data.nl) and _met(data) != met):
+                events += self._collide_at_end(data, between=between)
         else:
             self._integrate(data)
         return events
@@ -265,13 +265,16 @@ class SoftStepping:
         if model.opt.enableflags & _ENERGY and not data.flg_energyvel:
             mujoco.mj_energyVel(model, data)
 
-    def _collide_at_end(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
-        """Take an RK4 step again without its looking ahead, if that ends in a collision that the law changes."""
+    def _collide_at_end(self, data: mujoco.MjData, *, between: bool) -> tuple[ImpactEvent, ...]:
+        """Take an RK4 step again without its looking ahead, if that ends in a collision that the law changes.
+
+        What its last stage has met is not looked at if something was met ``between``: that can have kept it away.
+        """
         model = self._model
-        if self._surfaces is None and not closes(
-            model, data, row_velocities(model, data, self._velocity_before), self.collisions.rest_speed
-        ):
-            return ()
+        if not between and self._surfaces is None:
+            rows = row_velocities(model, data, self._velocity_before)
+            if not closes(model, data, rows, self.collisions.rest_speed):
+                return ()
         if self._trial is None:
             self._trial = mujoco.MjData(model)
         trial = self._trial
@@ -301,6 +304,18 @@ def _find_forces(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     mujoco.mj_fwdActuation(model, data)
     mujoco.mj_fwdAcceleration(model, data)
     mujoco.mj_fwdConstraint(model, data)
+
+
+def _runge_kutta(model: mujoco.MjModel, data: mujoco.MjData) -> bool:
+    """Advance by RK4; return whether a stage between the first and the last one had more constraint rows than that.
+
+    MuJoCo's count of the most rows so far tells, and is in the end what it would be.
+    """
+    so_far, data.maxuse_efc = data.maxuse_efc, 0
+    mj_RungeKutta(model, data, 4)
+    most = data.maxuse_efc
+    data.maxuse_efc = max(so_far, most)
+    return most > data.nefc
 
 
 def _met(data: mujoco.MjData) -> tuple[bytes, bytes]:

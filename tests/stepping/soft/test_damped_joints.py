@@ -108,7 +108,9 @@ def test_compiled_steps_are_those_in_python(damping, inertia, integrator, fricti
         mujoco.mj_copyData(other, model, data)
         ours.step(data)
         python.step(other)
-        np.testing.assert_allclose(data.qvel, other.qvel, rtol=0.0, atol=1e-10 * np.abs(other.qvel).max())
+        speeds = [other.qvel, *(event.impact.collision.pre_velocity for event in python.events)]
+        fastest = np.abs(speeds).max()  # a jam can stop all that moves
+        np.testing.assert_allclose(data.qvel, other.qvel, rtol=0.0, atol=1e-10 * fastest)
         assert ours.sums.collisions == python.sums.collisions
         collisions += ours.sums.collisions
     assert collisions > 0

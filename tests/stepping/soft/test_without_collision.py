@@ -152,7 +152,7 @@ def test_sliding_fast_is_no_collision(integrator):
     reference.qpos[:], reference.qvel[:] = data.qpos, data.qvel
     stepper = Stepper(model, Moreau(0.5), contact_model="soft")
     fastest = 0.0
-    for i in range(18):  # after that the shoulder reaches its limit
+    for i in range(12):  # after that the box, which MuJoCo has lifted under RK4, falls back
         drive(model, data, lambda: stepper.step(data), i)
         drive(model, reference, lambda: mujoco.mj_step(model, reference), i)
         fastest = min(fastest, data.efc_vel.min(initial=0.0))

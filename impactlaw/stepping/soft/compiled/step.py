@@ -110,17 +110,35 @@ def _look_not_ahead(w):
     keep(copied)
 
 
+@plain
+def _runge_kutta(w):
+    """Do what `scheme._runge_kutta` does."""
+    place = w.data + offset(w, DATA.maxuse_efc)
+    so_far = int_at(place)
+    put_int(place, np.int32(0))
+    mj.runge_kutta(w.model, w.data, np.int32(4))
+    most = int_at(place)
+    put_int(place, max(so_far, most))
+    return most > number(w, DATA.nefc)
+
+
 @kernel
-def _collide_at_end(w, law, trial, state, sums):
+def _closes(w, law, velocity):
+    """Return whether a contact of now would close faster than `rest_speed` at another velocity, (nv,)."""
+    rows, found = numbers(number(w, DATA.nefc)), find(w, law.bilateral)
+    mj.mul_jac_vec(w.model, w.data, address_of(rows), address_of(velocity))
+    keep(rows)
+    return normal_velocities(found, rows, numbers(len(found.row))) < -law.rest_speed
+
+
+@kernel
+def _collide_at_end(w, law, trial, between, state, sums):
     """Take an RK4 step again, see `_look_not_ahead`, if that ends in a collision that the law changes.
 
-    Return how it has ended.
+    Return how it has ended. What its last stage has met is not looked at if something was met `between`.
     """
-    n, q = number(w, DATA.nefc), 1 + size(w, MODEL.nq)
-    rows, before, found = numbers(n), state[q : q + w.nv], find(w, law.bilateral)
-    mj.mul_jac_vec(w.model, w.data, address_of(rows), address_of(before))
-    keep(rows)
-    if not normal_velocities(found, rows, numbers(len(found.row))) < -law.rest_speed:
+    q = 1 + size(w, MODEL.nq)
+    if not between and not _closes(w, law, state[q : q + w.nv]):
         return FINE
     now = World(w.model, trial, w.table, w.nv)
     mj.set_state(w.model, trial, address_of(state), STATE)
@@ -174,10 +192,10 @@ def _from_start(w, law, trial, integrator, state, sums):
         middle = numbers(len(state))
         mj.get_state(w.model, w.data, address_of(middle), STATE)
         geoms, rows = contact_ints(w, CONTACT.geom, 2).copy(), _rows(w)
-        mj.runge_kutta(w.model, w.data, np.int32(4))
+        between = _runge_kutta(w)
         same = np.array_equal(_rows(w), rows)
-        if not (same and np.array_equal(contact_ints(w, CONTACT.geom, 2), geoms)):
-            status = _collide_at_end(w, law, trial, middle, sums)
+        if between or not (same and np.array_equal(contact_ints(w, CONTACT.geom, 2), geoms)):
+            status = _collide_at_end(w, law, trial, between, middle, sums)
         keep(middle)
     elif integrator == _EULER or integrator == _RK4:
         mj.euler(w.model, w.data)

@@ -137,7 +137,17 @@ def test_without_a_collision_it_is_mujoco_bit_for_bit(integrator):
         stepper.step(data)
         mujoco.mj_step(model, reference)
         touched += data.ncon > 0
-        for field in ("qpos", "qvel", "qacc", "efc_force", "qacc_warmstart", "sensordata", "xpos", "cfrc_ext"):
+        for field in (
+            "qpos",
+            "qvel",
+            "qacc",
+            "efc_force",
+            "qacc_warmstart",
+            "sensordata",
+            "xpos",
+            "cfrc_ext",
+            "maxuse_efc",
+        ):
             np.testing.assert_array_equal(getattr(data, field), getattr(reference, field), err_msg=field)
     assert touched > 100
 
