@@ -35,6 +35,7 @@ class _Data(NamedTuple):
     mocap_pos: int
     mocap_quat: int
     qacc: int
+    act_dot: int
     qacc_smooth: int
     qacc_warmstart: int
     qfrc_constraint: int
@@ -70,6 +71,7 @@ class _Model(NamedTuple):
 
     nq: int
     nv: int
+    na: int
     nbody: int
     njnt: int
     ngeom: int
@@ -79,6 +81,8 @@ class _Model(NamedTuple):
     neq: int
     nmocap: int
     nC: int
+    nplugin: int
+    nhistory: int
     nsensordata: int
     body_margin: int
     geom_margin: int

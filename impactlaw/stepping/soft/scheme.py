@@ -48,7 +48,7 @@ from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import check_timestep
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.soft.collisions import NOTHING, VELOCITY, Collisions
-from impactlaw.stepping.soft.look_not_ahead import look_not_ahead
+from impactlaw.stepping.soft.look_not_ahead import is_plain, keep_start, look_not_ahead, put_start
 from impactlaw.stepping.soft.one_inertia import added_inertia, one_inertia
 
 _RK4, _EULER, _DISCRETE = (int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("RK4", "EULER", "DISCRETE"))
@@ -199,10 +199,10 @@ class SoftStepping:
             mujoco.mj_compareFwdInv(model, data)
         if integrator == _RK4 and not held:  # its stages would compute forces of their own
             mj_getState(model, data, self._before, _STATE)
-            met = _met(data) if contacts else None
+            met, start = _met(data) if contacts else None, keep_start(data)
             between = _runge_kutta(model, data)
             if between or ((contacts or data.ncon or data.nl) and _met(data) != met):
-                events += self._collide_at_end(data, between=between)
+                events += self._collide_at_end(data, start, touches=contacts > 0, between=between)
         else:
             self._integrate(data)
         return events
@@ -265,10 +265,18 @@ class SoftStepping:
         if model.opt.enableflags & _ENERGY and not data.flg_energyvel:
             mujoco.mj_energyVel(model, data)
 
-    def _collide_at_end(self, data: mujoco.MjData, *, between: bool) -> tuple[ImpactEvent, ...]:
+    def _collide_at_end(
+        self, data: mujoco.MjData, start: tuple[np.ndarray, ...], *, touches: bool, between: bool
+    ) -> tuple[ImpactEvent, ...]:
         """Take an RK4 step again without its looking ahead, if that ends in a collision that the law changes.
 
         What its last stage has met is not looked at if something was met ``between``: that can have kept it away.
+
+        Args:
+            data: after the step.
+            start: of the step, see `keep_start`.
+            touches: whether something touched there.
+            between: whether a stage before the last one had more constraint rows.
         """
         model = self._model
         if not between and self._surfaces is None:
@@ -279,8 +287,11 @@ class SoftStepping:
             self._trial = mujoco.MjData(model)
         trial = self._trial
         mujoco.mj_setState(model, trial, self._before, _STATE)
-        _update(model, trial)
-        look_not_ahead(model, trial)
+        if is_plain(model):
+            put_start(trial, start)
+        else:
+            _update(model, trial)
+        look_not_ahead(model, trial, touches=touches)
         mujoco.mj_fwdPosition(model, trial)
         mujoco.mj_fwdVelocity(model, trial)
         events, stage = self.collisions.resolve(trial) if trial.ncon or trial.nl else NOTHING

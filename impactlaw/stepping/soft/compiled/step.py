@@ -37,7 +37,7 @@ from impactlaw.stepping.soft.compiled.contacts.found import find, normal_velocit
 from impactlaw.stepping.soft.compiled.locked import lock, locks, room, takes_forces, unlock
 from impactlaw.stepping.soft.compiled.rebounds import bounces, hold_back
 from impactlaw.stepping.soft.compiled.world import DIVERGED, FINE, PYTHON, Law, World
-from impactlaw.stepping.soft.look_not_ahead import NO_CONTACT
+from impactlaw.stepping.soft.look_not_ahead import NO_CONTACT, SLEEP
 
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 _RK4, _EULER, _DISCRETE = (int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("RK4", "EULER", "DISCRETE"))
@@ -91,13 +91,41 @@ def _update(w):
     mj.fwd_constraint(w.model, w.data)
 
 
+@plain
+def _start_room(w):
+    """Return how many numbers `_keep_start` keeps."""
+    return 3 * w.nv + size(w, MODEL.na) + size(w, MODEL.nC)
+
+
+@plain
+def _keep_start(w, kept, back):
+    """Keep, (`_start_room`,), what `look_not_ahead.keep_start` keeps, or give it back."""
+    at, nv = 0, w.nv
+    for place, n in (
+        (DATA.qacc, nv), (DATA.qfrc_smooth, nv), (DATA.qfrc_constraint, nv),
+        (DATA.act_dot, size(w, MODEL.na)), (DATA.M, size(w, MODEL.nC)),
+    ):  # fmt: skip
+        if back:
+            put(data_floats(w, place, n), kept[at : at + n])
+        else:
+            put(kept[at:], data_floats(w, place, n))
+        at += n
+
+
+@plain
+def _is_plain(w):
+    """Return what `look_not_ahead.is_plain` does."""
+    more = size(w, MODEL.nplugin) + size(w, MODEL.nhistory)
+    return more == 0 and not option(w, MODEL.opt_enableflags) & SLEEP
+
+
 @kernel
-def _look_not_ahead(w):
+def _look_not_ahead(w, touches):
     """Do what `look_not_ahead.look_not_ahead` does.
 
     What differs from the model is in a copy of its own structure: other threads step with the model.
     """
-    if _touches(w):
+    if touches:
         mj.euler(w.model, w.data)
         return
     words = long_at(w.table + 8 * SIZE.model) // 8
@@ -132,7 +160,7 @@ def _closes(w, law, velocity):
 
 
 @kernel
-def _collide_at_end(w, law, trial, between, state, sums):
+def _collide_at_end(w, law, trial, touched, between, state, start, sums):
     """Take an RK4 step again, see `_look_not_ahead`, if that ends in a collision that the law changes.
 
     Return how it has ended. What its last stage has met is not looked at if something was met `between`.
@@ -142,8 +170,11 @@ def _collide_at_end(w, law, trial, between, state, sums):
         return FINE
     now = World(w.model, trial, w.table, w.nv)
     mj.set_state(w.model, trial, address_of(state), STATE)
-    _update(now)
-    _look_not_ahead(now)
+    if _is_plain(w):
+        _keep_start(now, start, True)
+    else:
+        _update(now)
+    _look_not_ahead(now, touched)
     mj.fwd_position(w.model, trial)
     mj.fwd_velocity(w.model, trial)
     of_trial, told = zeros(len(sums)), law.outcomes[0] if len(law.outcomes) > 0 else 0.0
@@ -189,13 +220,14 @@ def _from_start(w, law, trial, integrator, state, sums):
     if option(w, MODEL.opt_enableflags) & _COMPARE:
         mj.compare_fwd_inv(w.model, w.data)
     if integrator == _RK4 and not held:  # its stages would compute forces of their own
-        middle = numbers(len(state))
+        middle, start, touched = numbers(len(state)), numbers(_start_room(w)), _touches(w) > 0
+        _keep_start(w, start, False)
         mj.get_state(w.model, w.data, address_of(middle), STATE)
         geoms, rows = contact_ints(w, CONTACT.geom, 2).copy(), _rows(w)
         between = _runge_kutta(w)
         same = np.array_equal(_rows(w), rows)
         if between or not (same and np.array_equal(contact_ints(w, CONTACT.geom, 2), geoms)):
-            status = _collide_at_end(w, law, trial, between, middle, sums)
+            status = _collide_at_end(w, law, trial, touched, between, middle, start, sums)
         keep(middle)
     elif integrator == _EULER or integrator == _RK4:
         mj.euler(w.model, w.data)

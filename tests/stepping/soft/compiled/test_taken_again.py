@@ -5,6 +5,7 @@ The last stage of an RK4 step need not meet what its end does: the next step loo
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import gymnasium
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 
 from impactlaw import Batch, Moreau, Newton, Stepper
+from impactlaw.stepping.soft.look_not_ahead import is_plain, keep_start, look_not_ahead, put_start
 
 BALL = """<mujoco><option timestep="0.01" integrator="RK4" gravity="0 0 0"/><worldbody>
   <geom name="floor" type="plane" size="3 3 1"/>
@@ -40,6 +42,15 @@ TENDON = f"""<tendon><fixed limited="true" range="0 9" {DAMPED.format("limit")}>
 RESTING = (
     """<body pos="5 0 0"><joint name="resting" type="slide" limited="true" range="1e-5 9"/><geom size=".1"/></body>"""
 )
+ARM = """<mujoco><option timestep="0.004" integrator="RK4"/><worldbody><geom type="plane" size="5 5 1"/>
+  <body pos="0 0 .3"><joint name="one" axis="0 1 0" damping=".3" frictionloss=".01"/><joint name="twin" axis="1 0 0"/>
+  <geom type="capsule" fromto="0 0 0 .3 0 0" size=".03"/><body pos=".3 0 0"><joint name="two" axis="0 1 0"
+  damping="0.1 .2" range="-40 40"/><geom type="capsule" fromto="0 0 0 .25 0 0" size=".03"/></body></body></worldbody>
+  <tendon><fixed name="pair" damping=".2" stiffness="1"><joint joint="one" coef="1"/><joint joint="two" coef="-.5"/>
+  </fixed></tendon><equality><joint joint1="one" joint2="twin"/></equality>
+  <actuator><general joint="two" dyntype="filter" dynprm=".05" gainprm="2" ctrlrange="-1 1"/>
+  <position tendon="pair" kp="4" kv=".1"/><damper joint="one" kv=".2" ctrlrange="0 1"/></actuator></mujoco>"""
+"""All that damps, activation, dry friction, a constraint."""
 
 
 def test_a_contact_that_was_not_known_collides_as_one_that_was():
@@ -103,3 +114,29 @@ def test_what_a_stage_between_has_met_collides_at_the_end_of_the_step():
         ends.append((counts, data.qvel.copy()))
     assert ends[0][0] == ends[1][0] == [1, 1, 1]
     np.testing.assert_allclose(ends[0][1], ends[1][1], rtol=0.0, atol=1e-10)
+
+
+@pytest.mark.parametrize("touches", [True, False])
+@pytest.mark.parametrize("scene", ["Ant-v5", "Humanoid-v5", ARM])
+def test_what_is_kept_of_the_start_of_a_step_is_all_that_it_is_taken_again_from(scene, touches):
+    """The other data have found something else before, in another state."""
+    env: Any = None if scene == ARM else gymnasium.make(scene).unwrapped
+    model = mujoco.MjModel.from_xml_string(ARM) if env is None else env.model
+    data, other, random = mujoco.MjData(model), mujoco.MjData(model), np.random.default_rng(0)
+    state, seen = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION)), 0
+    assert is_plain(model)
+    for step in range(300):
+        if step % 10 == 0:
+            data.ctrl[:] = random.uniform(*model.actuator_ctrlrange.T)
+        mujoco.mj_step(model, data)
+        mujoco.mj_step(model, other)
+        mujoco.mj_forward(model, data)
+        again, seen = copy.copy(data), seen + (data.ncon > 0)
+        mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+        mujoco.mj_setState(model, other, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+        put_start(other, keep_start(data))
+        for one in (again, other):
+            look_not_ahead(model, one, touches=touches)
+        for name in ("qpos", "qvel", "act", "time", "qacc_warmstart"):
+            np.testing.assert_array_equal(getattr(other, name), getattr(again, name), err_msg=name)
+    assert seen > 20
