@@ -7,19 +7,21 @@ import numpy as np
 
 SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
 """Flag with which trees can sleep."""
-_READ = "qacc", "act_dot", "M", "qfrc_smooth", "qfrc_constraint"
+_READ = "qacc", "act_dot", "M", "qfrc_smooth", "qfrc_constraint"  # RK4 reads the first two
 NO_CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
 """Flags with which neither contacts nor limits act."""
 
 
-def keep_start(data: mujoco.MjData) -> tuple[np.ndarray, ...]:
+def keep_start(data: mujoco.MjData, *, touches: bool) -> tuple[np.ndarray, ...]:
     """Return what `look_not_ahead` reads of what `mj_forward` has found, besides the state."""
-    return tuple(getattr(data, name).copy() for name in _READ)
+    if touches or mujoco.get_mjcb_control() is not None:
+        return tuple(getattr(data, name).copy() for name in _READ)
+    return data.qacc.copy(), data.act_dot.copy()
 
 
 def put_start(data: mujoco.MjData, start: tuple[np.ndarray, ...]) -> None:
     """Let `look_not_ahead` go on from there; only if `is_plain`."""
-    for name, value in zip(_READ, start, strict=True):
+    for name, value in zip(_READ, start, strict=False):
         getattr(data, name)[:] = value
 
 

@@ -199,7 +199,7 @@ class SoftStepping:
             mujoco.mj_compareFwdInv(model, data)
         if integrator == _RK4 and not held:  # its stages would compute forces of their own
             mj_getState(model, data, self._before, _STATE)
-            met, start = _met(data) if contacts else None, keep_start(data)
+            met, start = _met(data) if contacts else None, keep_start(data, touches=contacts > 0)
             between = _runge_kutta(model, data)
             if between or ((contacts or data.ncon or data.nl) and _met(data) != met):
                 events += self._collide_at_end(data, start, touches=contacts > 0, between=between)

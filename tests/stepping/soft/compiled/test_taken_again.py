@@ -134,7 +134,7 @@ def test_what_is_kept_of_the_start_of_a_step_is_all_that_it_is_taken_again_from(
         again, seen = copy.copy(data), seen + (data.ncon > 0)
         mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
         mujoco.mj_setState(model, other, state, mujoco.mjtState.mjSTATE_INTEGRATION)
-        put_start(other, keep_start(data))
+        put_start(other, keep_start(data, touches=touches))
         for one in (again, other):
             look_not_ahead(model, one, touches=touches)
         for name in ("qpos", "qvel", "act", "time", "qacc_warmstart"):
