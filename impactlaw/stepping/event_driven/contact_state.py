@@ -67,9 +67,15 @@ class ContactState(NamedTuple):
         """Return the same contacts with the velocities of now."""
         velocity, gamma, noise, _ = _motion(self.contact_set, SILENT * self.still)
         motion = velocity, gamma, noise, False
-        if np.count_nonzero(self.pattern.vague):  # contact points may jump, and forces with them
+        if self._may_jump(active):  # and forces with them
             force = None
         return ContactState(self.contact_set, self.closed, self.still, *motion, active, contact_forces, force)
+
+    def _may_jump(self, active: np.ndarray | None) -> bool:
+        """Return whether points of contacts that are held may jump on common faces; one on a rim runs along it."""
+        vague = self.pattern.vague if active is None else self.pattern.vague & active
+        key = self.pattern.key[vague]
+        return bool(np.count_nonzero(vague & ~self.pattern.rolling)) or len(np.unique(key)) < len(key)
 
     @property
     def configuration(self) -> Configuration:

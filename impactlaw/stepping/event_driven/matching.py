@@ -23,6 +23,14 @@ class Matched(NamedTuple):
     now: ContactState
     known: np.ndarray
 
+    def continues(self, held: np.ndarray) -> bool:
+        """Return whether contacts at the start, indices, are all continued, those on common faces by one contact each.
+
+        Both rims of a foil are next to each other, and only one of them can be the contact that was held.
+        """
+        again = self.known[self.now.pattern.vague & np.isin(self.known, held)]
+        return bool(np.isin(held, self.known).all()) and len(np.unique(again)) == len(again)
+
 
 class Continued(NamedTuple):
     """How the gap of a contact that continues another one has changed."""

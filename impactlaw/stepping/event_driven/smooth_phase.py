@@ -27,7 +27,7 @@ from impactlaw.stepping.event_driven.location.trial_step import TrialStep
 from impactlaw.stepping.event_driven.matching import Matched, continued, match, refound, runs_on
 from impactlaw.stepping.event_driven.persistent_contact.felt_force import FeltForce
 from impactlaw.stepping.event_driven.persistent_contact.frictionless import hold
-from impactlaw.stepping.event_driven.persistent_contact.position import LookAgain, among
+from impactlaw.stepping.event_driven.persistent_contact.position import LookAgain
 from impactlaw.stepping.integration import advance
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.work import Work
@@ -147,9 +147,9 @@ class SmoothPhases:
         if hold_all:
             return trial.kept(), closed
         if trial.gap < -self.tolerance:
-            trial, closed = self._locate(state, trial)
+            trial, closed = self._locate(state, trial, start)
         while (shorter := self._dips.find(trial, state, self._again(state, trial))) is not None:
-            trial, closed = self._locate(state, shorter)
+            trial, closed = self._locate(state, shorter, start)
         return trial.kept(), closed
 
     def _again(self, state: np.ndarray, trial: TrialStep) -> Callable[..., TrialStep]:
@@ -163,13 +163,16 @@ class SmoothPhases:
 
         return again
 
-    def _locate(self, state: np.ndarray, trial: TrialStep) -> tuple[TrialStep, bool]:
-        """Return the trial up to the first gap that closes, where one has closed in a longer one, and whether."""
+    def _locate(self, state: np.ndarray, trial: TrialStep, begun: ContactState) -> tuple[TrialStep, bool]:
+        """Return the trial up to the first gap that closes, where one has closed in a longer one, and whether.
+
+        Where none has, since a contact only runs along a rim, it has lost none, and feels the forces of ``begun``.
+        """
         start, tried = trial.phase.start, trial.phase._replace(smooth=False)
         again = self._again(state, trial._replace(phase=tried))
         travel = self._travel.between(start.frames, self.configuration.data)
         if self._is_continued(trial, again):
-            held = again(tried.duration, smooth=True)
+            held = self._again(state, trial._replace(phase=tried._replace(start=begun)))(tried.duration, smooth=True)
             if held.gap >= -self.tolerance:
                 return held, False
         shortest = tried.duration * self.tolerance / max(travel.max(initial=0.0), -trial.gap, self.tolerance)
@@ -271,11 +274,11 @@ class SmoothPhases:
         if start.force is None or start.active is None:
             return found
         active = np.flatnonzero(start.active)
-        if among(active, found.known).all():
+        if found.continues(active):
             return found
         shift = FeltForce.of(self.configuration, start.force, phase.duration).shift
         found = self._look_and_match(phase, start.contact_set.opening(shift))
-        return found if among(active, found.known).all() else None
+        return found if found.continues(active) else None
 
     def _look_again(self, phase: Phase, phase_end: PhaseEnd) -> LookAgain:
         """Return what looks at the contacts of now up to a gap at least, m, and matches them with those at the start.

@@ -76,7 +76,7 @@ def hold_with_friction(
         before = phase_end.known
         phase_end = hold_position(phase_end, phase, look_again, np.zeros_like(shift))
         phase_end = _with_more(phase_end, phase)
-        table = _matched(table, before, phase_end.known)
+        table = _matched(table, before, phase_end)
     now, velocity = phase_end.now, free + change
     configuration.data.qvel[:] = velocity
     tried = phase_end._replace(now=now._replace(contact_velocity=now.contact_set.contact_velocity(velocity)))
@@ -136,7 +136,7 @@ def _settle(
         configuration.shift(shift)
         before, (now, known) = phase_end.known, look_again(max(reach, phase_end.contact_set.opening(shift)))
         phase_end = PhaseEnd(now, known, among(known, held))
-        table = _matched(table, before, known)
+        table = _matched(table, before, phase_end)
         active = table[:, 0] > 0
         if np.abs(now.gap[active]).max(initial=0.0) <= CORRECTED * phase.tolerance:
             break
@@ -158,13 +158,19 @@ def _closing_impulse(gradients: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     return np.linalg.lstsq(gradients.T, z, rcond=_RANK)[0]
 
 
-def _matched(table: np.ndarray, before: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Return impulses, (h, 6), in the order of other contacts; both orders are told by indices at the phase's start."""
+def _matched(table: np.ndarray, before: np.ndarray, phase_end: PhaseEnd) -> np.ndarray:
+    """Return impulses, (h, 6), in the order of other contacts; both orders are told by indices at the phase's start.
+
+    Of contacts on common faces that continue the same one, as both rims of a foil may, the one of least gap has it.
+    """
+    now, known, _ = phase_end
     if np.array_equal(before, known):
         return table
     same = (known[:, None] == before) & (known[:, None] >= 0)
+    order = np.argsort(now.gap, kind="stable")
+    least = order[np.unique(known[order], return_index=True)[1]]
+    found = same.any(axis=1) & (~now.pattern.vague | np.isin(np.arange(len(known)), least))
     result = np.zeros((len(known), _KINDS))
-    found = same.any(axis=1)
     result[found] = table[same[found].argmax(axis=1)]
     return result
 
