@@ -5,7 +5,7 @@ import pytest
 from scenes import compiled
 from scipy.integrate import quad
 
-from impactlaw import Moreau, Newton, Stepper
+from impactlaw import Coulomb, Moreau, Newton, Stepper
 
 G = 9.81
 JOINTS = ("slide", "1 0 0"), ("slide", "0 0 1"), ("hinge", "0 1 0")
@@ -75,3 +75,58 @@ def test_a_ball_on_a_turntable_circles_with_two_sevenths_of_its_speed(way, table
     c, s = np.cos(k * seconds), np.sin(k * seconds)
     expected = np.array([0.5, 0.0]) - start + np.array([[c, -s], [s, c]]) @ start
     np.testing.assert_allclose(data.qpos[-7:-5], expected, atol=tolerance)
+
+
+def rope(beads, mu, pull):
+    """Return a scene: 1 kg and ``pull`` kg on a light rope over a drum, which turns at each of so many beads."""
+    r, turn = 0.5, np.pi / beads
+    place = [(-r * np.cos(turn * k), r * np.sin(turn * k)) for k in range(beads + 1)]
+    place = [(-r, -0.5), *place, (r, -0.5)]
+    world, before = "", (0.0, 0.0)
+    for k, (x, z) in enumerate(place):
+        mass = {0: 1.0, beads + 2: pull}.get(k, 0.02)
+        joints = "".join(f'<joint type="{kind}" axis="{axis}"/>' for kind, axis in JOINTS[0 if k == 0 else 2 :])
+        world += f"""<body pos="{x - before[0]} 0 {z - before[1]}" gravcomp="{float(mass == 0.02)}">{joints}
+          <inertial pos="0 0 0" mass="{mass}" diaginertia="1e-7 1e-7 1e-7"/>
+          <geom size="1e-4" contype="1" conaffinity="2"/>"""
+        before = x, z
+    drum = f'<geom type="cylinder" size="{r - 1e-4} 1" euler="90 0 0" contype="2" conaffinity="1"/>'
+    option = 'timestep="2e-3" integrator="RK4"'
+    return compiled(drum + world + "</body>" * len(place), option=option, geom=f'friction="{mu} 0 0"')
+
+
+@pytest.mark.parametrize(("way", "options"), [("event-driven", {"overlap": "push-out"}), ("time-stepping", {})])
+def test_a_rope_around_a_drum_holds_what_eytelwein_says(way, options):
+    """exp(mu pi) times as much for a rope, and for one with n corners of ``a = pi / n`` each, what is below."""
+    beads, mu = 6, 0.3
+    tangent = mu * np.tan(np.pi / beads / 2)
+    holds = ((1 + tangent) / (1 - tangent)) ** beads
+    assert holds == pytest.approx(np.exp(mu * np.pi), rel=0.03)
+    rises = []
+    for part in (0.998, 1.002):
+        model, data = rope(beads, mu, part * holds)
+        stepper = Stepper(model, Moreau(0.0), **RIGID[way], **options)
+        for _ in range(10):
+            stepper.step(data)
+        rises.append(data.qvel[1])
+    assert abs(rises[0]) < 1e-6 < 1e-4 < rises[1]
+
+
+@pytest.mark.parametrize("way", RIGID)
+@pytest.mark.parametrize("mu", [9.0, 0.3])
+def test_a_superball_comes_back_from_under_a_table(way, mu):
+    """R. L. Garwin, Kinematics of an ultraelastic rough ball, 1969: three bounces, on floor, table and floor."""
+    r, speed, spin = 0.03, np.array([2.0, -3.0]), 5.0
+    planes = '<geom type="plane" size="9 9 1"/><geom type="plane" size="9 9 1" pos="0 0 .5" zaxis="0 0 -1"/>'
+    ball = f'<body pos="0 0 .1"><freejoint/><geom size="{r}" mass="1"/></body>'
+    model, data = compiled(planes + ball, option='gravity="0 0 0"', geom=f'friction="{mu} 0 0"')
+    data.qvel[[0, 2, 4]] = *speed, spin
+    stepper = Stepper(model, Coulomb(Newton(1.0), tangential_restitution=1.0), **RIGID[way])
+    for side in (1, -1, 1):
+        push = 2 * abs(speed[1])
+        rub = np.clip(-2 * (speed[0] - side * r * spin) / 3.5, -mu * push, mu * push)
+        speed, spin = speed + np.array([rub, side * push]), spin - side * rub / (0.4 * r)
+        stepper.step(data)
+        while not stepper.events:
+            stepper.step(data)
+        np.testing.assert_allclose(data.qvel[[0, 2, 4]], [*speed, spin], rtol=1e-6)
