@@ -141,3 +141,18 @@ def test_nothing_calls_a_function_that_a_helper_has_put_off(module):
     """But by its address: numba cannot compile what calls it, and the helper would end with nothing done."""
     command = [sys.executable, "-c", _CALLED, module]
     assert subprocess.run(command, capture_output=True, text=True, timeout=600, check=True).stdout == ""
+
+
+def test_what_is_only_imported_compiles_nothing(tmp_path):
+    """Or whoever asks a script for its options would wait for minutes."""
+    root = Path(__file__).parents[1]
+    scripts = [f"scripts.{path.parent.name}.__main__" for path in sorted(root.glob("scripts/*/__main__.py"))]
+    assert len(scripts) > 5
+    code = "import sys; from importlib import import_module; [import_module(name) for name in sys.argv[1:]]"
+    modules = ["impactlaw.cli", "impactlaw.batch", "impactlaw.envs", *scripts]
+    environment = os.environ | {"PYTHONPATH": str(root), "NUMBA_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", code, *modules], env=environment, capture_output=True, text=True, timeout=600, check=True
+    )
+    assert "compiling" not in done.stderr
+    assert not list(tmp_path.rglob("*.nbi"))

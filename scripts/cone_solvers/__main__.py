@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import pandas as pd
 import tyro
@@ -20,10 +20,11 @@ from tqdm import tqdm
 from scripts import machine
 from scripts.robots.scenes import Scene, chosen
 
-from . import capture, measure, report
 from .catalogue import QUICK, catalogue
 from .problem import Problem
-from .solvers import Solver, solvers
+
+if TYPE_CHECKING:
+    from .solvers import Solver  # compiles, which no question for options should wait for
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +35,7 @@ class Study:
     """Number of problems, as many from each scene."""
     only: tuple[str, ...] = ()
     """Names of scenes, or parts of names; all without."""
-    friction: capture.FrictionModel = "coulomb"
+    friction: Literal["coulomb", "convex"] = "coulomb"
     """Exact friction, or the convex relaxation."""
     seed: int = 0
     """Seed of drops, speeds and controls."""
@@ -59,6 +60,8 @@ class Options:
 
 def captured(study: Study, scenes: list[Scene]) -> list[Problem]:
     """Return the problems of all scenes."""
+    from . import capture
+
     share = -(-study.problems // max(1, len(scenes)))
     found = []
     for scene in tqdm(scenes, desc="capturing", unit="scene", disable=None):
@@ -68,6 +71,8 @@ def captured(study: Study, scenes: list[Scene]) -> list[Problem]:
 
 def run(study: Study, problems: Iterable[Problem], who: list[Solver]) -> pd.DataFrame:
     """Return one row per problem, solver and start; see `measure.rows_of`."""
+    from . import measure
+
     rows = []
     for number, problem in enumerate(problems):
         rows += measure.rows_of(number, problem, who, study.most_rows)
@@ -77,6 +82,9 @@ def run(study: Study, problems: Iterable[Problem], who: list[Solver]) -> pd.Data
 def main() -> None:
     """Run the study of the command line."""
     options = tyro.cli(Options, description=__doc__)
+    from . import measure, report
+    from .solvers import solvers
+
     study = options.study.quickly() if options.quick else options.study
     who = solvers()
     problems = captured(study, chosen(catalogue(), study.only))

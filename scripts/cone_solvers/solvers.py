@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlaw.solvers.cones import solve
+from impactlaw.solvers.cones.solve import solve
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import TOLERANCE
 
 from . import clarabel_cones, gauss_seidel, pinocchio_admm

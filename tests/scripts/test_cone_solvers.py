@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from impactlaw.solvers.cones import BILATERAL, BOX, CONE, natural_map
+from impactlaw.solvers.cones import BILATERAL, BOX, CONE
+from impactlaw.solvers.cones.solve import natural_map
 from impactlaw.stepping.time_stepping import contact_impulses
 from scripts.cone_solvers import capture, clarabel_cones, measure, report, solvers
 from scripts.cone_solvers.__main__ import Study, captured, run

@@ -1,7 +1,8 @@
-"""Compiled solver of contact problems with friction, in cones scaled by their coefficients of friction."""
+"""Compiled solver of contact problems with friction, in cones scaled by their coefficients of friction.
+
+Nothing is compiled here: that is done where `solve` and `retry` are imported.
+"""
 
 from impactlaw.solvers.cones.algebra.structure import BILATERAL, BOX, CONE
-from impactlaw.solvers.cones.retry import retry
-from impactlaw.solvers.cones.solve import natural_map, solve
 
-__all__ = ["BILATERAL", "BOX", "CONE", "natural_map", "retry", "solve"]
+__all__ = ["BILATERAL", "BOX", "CONE"]

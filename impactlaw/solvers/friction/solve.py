@@ -152,7 +152,7 @@ def compiled_answer(
     from impactlaw.compiled import compile_together
 
     compile_together("impactlaw.solvers.cones.solve")
-    from impactlaw.solvers.cones import solve
+    from impactlaw.solvers.cones.solve import solve
 
     n = problem.start.size
     start = np.zeros(n) if guess is None else np.array(problem.scaled(guess), dtype=float).reshape(-1)
@@ -164,7 +164,7 @@ def compiled_answer(
 
 def retry(problem: ConeProblem, x: np.ndarray) -> tuple[np.ndarray, bool]:
     """Return what `cones.retry` makes of a scaled impulse, (h, m), and whether bodies jam."""
-    from impactlaw.solvers.cones import retry
+    from impactlaw.solvers.cones.retry import retry
 
     rows, groups = _layout(problem)
     better = x.flatten()

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from solvers.cones.problems import BILATERAL, BOX, CONE, dense, problem, solvable
 
-from impactlaw.solvers.cones import natural_map, solve
+from impactlaw.solvers.cones.solve import natural_map, solve
 
 TOLERANCE = 1e-10
 
