@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import weakref
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import mujoco
@@ -103,6 +103,11 @@ class Pool:
         return self._functions.mjb_error(self.handle, world).decode()
 
 
+@cache
+def _empty_model() -> Any:
+    return mujoco.MjModel.from_xml_string("<mujoco/>")
+
+
 class Entry:
     """The way of one world into compiled code: a pool calls its C function, and reports the errors of MuJoCo.
 
@@ -114,7 +119,7 @@ class Entry:
     """
 
     def __init__(self, function: int, context: np.ndarray):
-        self._pool = Pool(mujoco.MjModel.from_xml_string("<mujoco/>"), 1, 1, persistent=True)
+        self._pool = Pool(_empty_model(), 1, 1, persistent=True)
         self.call = self._pool.caller(function, context.ctypes.data)
 
     @property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import warnings
+from functools import cached_property
 from typing import Any
 
 import mujoco
@@ -22,7 +23,7 @@ from impactlaw.stepping.soft.compiled import world
 from impactlaw.stepping.soft.compiled.collide import LAST, SHORT, SUMS
 from impactlaw.stepping.soft.compiled.entry import CONTEXT, TOTAL, entry
 from impactlaw.stepping.soft.compiled.law import coefficients, reason, settings
-from impactlaw.stepping.soft.compiled.told import Replay, sums_in
+from impactlaw.stepping.soft.compiled.told import Replay, Teller, sums_in
 from impactlaw.stepping.soft.compiled.world import SETTING
 from impactlaw.stepping.soft.scheme import SoftStepping
 
@@ -55,7 +56,7 @@ class CompiledSoftStepping:
         """Take over the law of the scheme."""
         scheme = self._scheme
         self._coefficients, self._reason = coefficients(scheme), reason(scheme)
-        self._settings = settings(scheme)
+        self._settings, self._teller = settings(scheme), Teller(scheme, CompiledSoftStepping)
         self._numbers[:2] = self._settings[SETTING.restitution], self._settings[SETTING.sliding]
         self._write_context()
         if self._reason is not None:
@@ -127,7 +128,7 @@ class CompiledSoftStepping:
             if self._total[0]:
                 self._scheme.collisions.unlocated += int(self._total[LAST])
                 self._scheme.collisions.short_steps += int(self._total[SHORT])
-                parts.append(Replay(self._scheme, self._states[:taken].copy(), self._total, CompiledSoftStepping))
+                parts.append(Replay(self._teller, self._states[:taken].copy(), self._total))
             if how == world.DIVERGED:
                 time = begun + taken * self._model.opt.timestep
                 raise DivergenceError(
@@ -156,10 +157,16 @@ class CompiledSoftStepping:
             if events:
                 parts.append(events)
 
+    @cached_property
+    def _again(self) -> mujoco.MjData:
+        """Data of steps that are taken once more."""
+        return mujoco.MjData(self._model)
+
     def outcomes(self, row: np.ndarray) -> np.ndarray:
         """Take a step once more from what is kept of it, and return the velocities after its collisions, (k, nv)."""
         nv, most = self._model.nv, int(row[-SUMS]) + self._scheme.collisions.collider.most
-        found, data = np.zeros(1 + most * nv), mujoco.MjData(self._model)
+        found, data = np.zeros(1 + most * nv), self._again
+        mujoco.mj_resetData(self._model, data)
         restore_state(self._model, data, row[:-SUMS])
         self._context[CONTEXT.outcomes], self._context[CONTEXT.outcome_count] = found.ctypes.data, len(found)
         self.step(data)

@@ -92,21 +92,62 @@ def sums_in(found: Iterable[float]) -> ImpactSums:
     return ImpactSums(int(count), energy, 0.0, intensity, int(distant), int(scaled))
 
 
+class Teller:
+    """Takes steps of a scheme once more, under the law that it has now; what that needs is made when it is first asked.
+
+    Args:
+        scheme: in Python.
+        compile: makes compiled steps of a scheme, which tell the outcomes of their collisions.
+    """
+
+    def __init__(self, scheme: SoftStepping, compile: Callable[..., Any]):
+        self._scheme, self._collider, self._compile = scheme, scheme.collisions.collider, compile
+
+    @cached_property
+    def _again(self) -> tuple[SoftStepping, Any, mujoco.MjData]:
+        """The scheme in Python and compiled, and data."""
+        scheme = copy.copy(self._scheme)
+        scheme.collisions = copy.copy(scheme.collisions)  # what is told once more is not counted once more
+        scheme.collisions.collider = self._collider
+        return scheme, self._compile(scheme, warn=False), mujoco.MjData(scheme.model)
+
+    def tell(self, rows: np.ndarray, sums: ImpactSums) -> tuple[ImpactEvent, ...]:
+        """Return the collisions of steps, from states before them and what compiled code keeps of each."""
+        scheme, compiled, data = self._again
+        mujoco.mj_resetData(scheme.model, data)  # what is told does not depend on what was told before
+        by, events, misses = self._collider, [], False
+        for row in rows[rows[:, -SUMS] > 0]:
+            velocities = iter(compiled.outcomes(row))
+            misses |= _misses(compiled.sums(), sums_in(row[-SUMS:]))
+            restore_state(scheme.model, data, row[:-SUMS])
+            known = replace(
+                by, law=_Known(by.law, velocities), last_law=_Known(by.last_law, velocities), on_inadmissible="allow"
+            )  # compiled code has judged them: impulses that are fitted here to large ones are less sharp
+            scheme.collisions.collider = known
+            try:
+                events += scheme.step(data)
+            finally:
+                scheme.collisions.collider = by
+        # where a problem has several solutions, Python's can be another one
+        if misses and _misses(ImpactSums.of(events), sums):
+            raise changed_model(float(data.time))
+        return tuple(events)
+
+
 class Replay:
     """The collisions of compiled steps, told by the scheme in Python when somebody asks: it takes them once more.
 
     Args:
-        scheme: in Python.
+        teller: takes them.
         rows: states before the steps, and what compiled code keeps of each.
         total: sums over the collisions.
-        compile: makes compiled steps of a scheme, which tell the outcomes of their collisions.
 
     Attributes:
         sums: over the collisions; they need no events.
     """
 
-    def __init__(self, scheme: SoftStepping, rows: np.ndarray, total: memoryview, compile: Callable[..., Any]):
-        self._scheme, self._collider, self._rows, self._compile = scheme, scheme.collisions.collider, rows, compile
+    def __init__(self, teller: Teller, rows: np.ndarray, total: memoryview):
+        self._teller, self._rows = teller, rows
         self.sums = sums_in(total)
 
     def __call__(self) -> tuple[ImpactEvent, ...]:
@@ -115,26 +156,7 @@ class Replay:
 
     @cached_property
     def _events(self) -> tuple[ImpactEvent, ...]:
-        scheme, data = copy.copy(self._scheme), mujoco.MjData(self._scheme.model)
-        scheme.collisions = copy.copy(scheme.collisions)  # what is told once more is not counted once more
-        scheme.collisions.collider = self._collider
-        compiled = self._compile(scheme, warn=False)
-        events: list[ImpactEvent] = []
-        misses = False
-        for row in self._rows[self._rows[:, -SUMS] > 0]:
-            velocities, by = iter(compiled.outcomes(row)), self._collider
-            misses |= _misses(compiled.sums(), sums_in(row[-SUMS:]))
-            restore_state(scheme.model, data, row[:-SUMS])
-            known = replace(
-                by, law=_Known(by.law, velocities), last_law=_Known(by.last_law, velocities), on_inadmissible="allow"
-            )  # compiled code has judged them: impulses that are fitted here to large ones are less sharp
-            scheme.collisions.collider = known
-            events += scheme.step(data)
-            scheme.collisions.collider = self._collider
-        # where a problem has several solutions, Python's can be another one
-        if misses and _misses(ImpactSums.of(events), self.sums):
-            raise changed_model(float(data.time))
-        return tuple(events)
+        return self._teller.tell(self._rows, self.sums)
 
 
 def _misses(again: ImpactSums, sums: ImpactSums) -> bool:
