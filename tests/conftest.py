@@ -1,6 +1,10 @@
 """Fixtures of several tests; every run of the tests draws the same numbers."""
 
+import atexit
+import os
+import shutil
 import sys
+import tempfile
 
 import hypothesis
 import pytest
@@ -13,6 +17,12 @@ from impactlaw.recording import Recorder
 
 hypothesis.settings.register_profile("repeatable", derandomize=True)
 hypothesis.settings.load_profile("repeatable")
+
+if sys.dont_write_bytecode:  # then the hundred processes that tests start would each parse all that they import
+    kept = tempfile.mkdtemp(prefix="bytecode-")
+    atexit.register(shutil.rmtree, kept, ignore_errors=True)
+    os.environ["PYTHONPYCACHEPREFIX"] = kept
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 
 @pytest.fixture(autouse=True)
