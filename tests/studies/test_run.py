@@ -112,6 +112,7 @@ def test_more_of_a_study_makes_only_what_is_new(table, tmp_path):
 
 
 def test_an_edited_policy_is_another_one(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # which Python takes for current within a second
     monkeypatch.syspath_prepend(tmp_path)
     module = tmp_path / "mine_to_edit.py"
     study = Study(tasks=(TASK,), act=("moreau:0.5",), policies=("mine_to_edit:act",), seeds=(0,), episodes=1)
