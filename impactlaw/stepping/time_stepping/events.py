@@ -19,11 +19,13 @@ from impactlaw.solvers.friction.solve import solve_cones
 from impactlaw.solvers.problem import Status
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.time_stepping.problem.seen import Seen, in_order
+from impactlaw.stepping.time_stepping.tolerances import DRIVEN
 
 Known = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 """Groups, keys, coefficients of friction and impulses of a step, and its `turns`."""
 Metric = tuple[np.ndarray, np.ndarray]
 """L and ``1 / D`` of the mass matrix of a step, ``M_h = L^T D L``."""
+_ROUNDING = 1e-12  # part of the energy of all
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +34,8 @@ class CollisionRecord:
 
     The event is the collision by itself, at the velocity of the start of the step and without the other forces of the
     step: ``v+ = v- + M_h^-1 J^T Lambda`` reaches the same contact velocities as the step. Equality constraints that
-    collisions may violate, such as servos, are among these forces.
+    collisions may violate, such as servos, are among these forces. So are those that move against themselves and would
+    drive the collision if they kept that: in the step they give way, see `problem.solution.driven`.
     """
 
     seen: Seen  # contacts, rows and inertia of the middle of the step
@@ -57,10 +60,25 @@ class CollisionRecord:
     def _events(self) -> tuple[ImpactEvent, ...]:
         groups = in_order(self.seen.rows, self.seen.reached(self.collides, self.pushed))
         contacts = self.seen.contacts(groups)
-        collision = self.seen.collision(groups, self.velocity, contacts.labels, friction=True)
-        impact = self._impact(collision, groups)
+        impact = self._beside_constraints(groups, contacts.labels)
         projected = self.share < 1.0 or impact.target_contact_velocity is None
         return (ImpactEvent(self.time, contacts, impact, self.qpos, projected=projected),)
+
+    def _beside_constraints(self, groups: np.ndarray, labels: tuple[str, ...]) -> Impact:
+        """Return the impact beside all constraints; where these drive it, beside those that the step holds, or none."""
+        impact = self._impact(self.seen.collision(groups, self.velocity, labels, friction=True), groups)
+        if impact.collision.bilateral_jacobian is None:
+            return impact
+        rows, acts = self.seen.rows, self.seen.kept
+        held, (label, island) = rows.compliance[rows.first] < rows.amounts[1], self.seen.islands()
+        for may in (held, np.zeros_like(held)):
+            driven = _driven_islands(impact, label[groups], island)
+            if not driven.any() or np.array_equal(impact.post_velocity, self.after):  # the step's own outcome
+                break
+            acts = acts & (may | ~driven[label])
+            collision = self.seen.collision(groups, self.velocity, labels, friction=True, acts=acts)
+            impact = self._impact(collision, groups)
+        return impact
 
     def _impact(self, collision: Collision, groups: np.ndarray) -> Impact:
         target = np.where(self.collides, self.target, 0.0)[groups]
@@ -82,6 +100,32 @@ class CollisionRecord:
                 return FrictionImpact.observed(collision, self.after)
         more = {"restitution_scale": self.share, "exact": self.exact, "cones": problem}
         return FrictionImpact.of_cones(collision, answer.impulse, answer.jump, targets, **more)
+
+
+def _driven_islands(impact: Impact, label: np.ndarray, island: np.ndarray) -> np.ndarray:
+    """Return in which islands equality constraints drive a collision by their motion, bool (islands + 1,), False last.
+
+    There they, and also they and its contacts, add more than `DRIVEN` of the energy with which its fastest contact
+    collides, in the motion that they allow.
+
+    Args:
+        impact: beside the constraints.
+        label: the islands of its contacts, -1 for one that cannot move, (h,).
+        island: those of degrees of freedom, -1 for those in none, (nv,).
+    """
+    c, many = impact.collision, max(label.max(initial=-1), island.max(initial=-1)) + 1
+    of_contacts, impulse = impact.found_impulse * impact.mean_contact_velocity, c.jacobian.T @ impact.found_impulse
+    if isinstance(impact, FrictionImpact) and c.friction is not None:
+        of_contacts, impulse = impact.work_of_each, impulse + c.friction.jacobian.T @ impact.friction_impulse
+    own = c.mass_matrix @ (impact.post_velocity - c.pre_velocity) - impulse
+    work = np.bincount(island + 1, 0.5 * own * (c.pre_velocity + impact.post_velocity), many + 1)
+    total = work + np.bincount(label + 1, of_contacts, many + 1)
+    approach = c.whitened_jacobian @ c.whitened_velocity + (0.0 if c.surface_velocity is None else c.surface_velocity)
+    energy = np.full(many + 1, _ROUNDING * c.kinetic_energy)
+    lengths = np.where(c.gradient_norms > 0.0, c.gradient_norms, np.inf)
+    np.maximum.at(energy, label + 1, 0.5 * (approach / lengths) ** 2)
+    driven = np.minimum(work, total) > DRIVEN * energy
+    return np.append(driven[1:], False)
 
 
 @dataclass(frozen=True, eq=False)

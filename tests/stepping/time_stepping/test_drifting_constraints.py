@@ -125,3 +125,50 @@ def test_a_weld_that_drifts_adds_next_to_no_energy_where_its_boxes_land(e, drift
         mujoco.mj_energyVel(model, data)
         assert data.energy[1] < before * (1.0 + 1e-2)
         assert stepper.shortfall < 1e-6
+
+
+def _geared(offset):
+    """Return two slides beside each other, 20 : 1, the first with a limit, and their coupling."""
+    hits, geared = (
+        f'<body pos="0 {y} 0"><joint name="{name}" type="slide" axis="1 0 0" {more}/><geom size=".1" mass="1"/></body>'
+        for name, y, more in ((f"hits{offset}", offset, 'range="-.001 1"'), (f"geared{offset}", offset + 1, ""))
+    )
+    return hits + geared, f'<joint joint1="geared{offset}" joint2="hits{offset}" polycoef="0 20 0 0 0"/>'
+
+
+def _hit(drifts, e, compiled):
+    """Return the stepper of such pairs after they hit their limits at 1 m/s, drifting by parts of the gears' speed."""
+    bodies, couplings = zip(*(_geared(2 * i) for i in range(len(drifts))), strict=True)
+    rest = f"<equality>{''.join(couplings)}</equality>"
+    model, data = compile_scene("".join(bodies), rest, option='gravity="0 0 0" timestep=".002"')
+    data.qvel[0::2], data.qvel[1::2] = -1.0, -20.0 + 20.0 * np.array(drifts)
+    stepper = Stepper(model, Moreau(e), scheme="time-stepping", compiled=compiled)
+    while not stepper.sums.collisions:
+        stepper.step(data)
+    return stepper
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+@pytest.mark.parametrize("drift", [1.0, 0.2, 0.08])
+def test_gears_that_give_way_do_not_drive_the_collision_that_is_told(drift, compiled):
+    """Gears that kept their drift in it would add up to 722 J; in the step they give way."""
+    stepper = _hit([drift], 0.9, compiled)
+    (event,) = stepper.events
+    impact = event.impact
+    assert impact.collision.bilateral_jacobian is None
+    assert impact.post_contact_velocity == pytest.approx([0.9], rel=1e-9)
+    assert impact.energy_change == pytest.approx(-0.5 * (1.0 - 0.81), rel=1e-9)
+    assert stepper.sums.energy_change == pytest.approx(impact.energy_change, rel=1e-12)
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+def test_gears_that_drift_are_in_the_collision_that_is_told_where_they_do_not_drive_it(compiled):
+    """With e = 0.5 their drift of 8 % gives back a part of what contact takes; those beside them drive theirs."""
+    stepper = _hit([0.08, 1.0], 0.5, compiled)
+    (event,) = stepper.events
+    gears = event.impact.collision.bilateral_jacobian
+    assert gears is not None
+    np.testing.assert_allclose(np.abs(gears / np.abs(gears).max()), [[1.0, 0.05, 0.0, 0.0]], atol=1e-12)
+    first = 0.5 * (0.5**2 + (0.5 * 20.0 + 1.6) ** 2 - 1.0 - 18.4**2)
+    assert event.impact.energy_change == pytest.approx(first - 0.5 * 0.75, rel=1e-9)
+    assert stepper.sums.energy_change == pytest.approx(event.impact.energy_change, rel=1e-12)

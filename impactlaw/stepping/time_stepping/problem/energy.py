@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import BILATERAL, CONE
 from impactlaw.solvers.cones.algebra.loops import indices, kernel, numbers, plain, zeros
@@ -144,6 +146,23 @@ def find_islands(sparse, colind, value, groups, rates, tree, label):
     """
     length = numbers(len(label))
     return islands(sparse[0], sparse[1], colind, value, tree, groups[0], groups[1], rates[4], length, label)
+
+
+@compiled()
+def islands_of(sparse, colind, value, groups, rates, tree):
+    """Return the islands of groups, (g,), and of degrees of freedom, (nv,), -1 for none; see `find_islands`."""
+    label, of_tree = np.empty(groups.shape[1], np.int64), indices(len(tree))
+    island = np.empty(len(tree), np.int64)
+    find_islands(sparse, colind, value, groups, rates, tree, label)
+    of_tree[:] = -1
+    for g in range(len(label)):
+        for r in range(groups[0, g], groups[0, g] + groups[1, g] if label[g] >= 0 else groups[0, g]):
+            for a in range(sparse[1, r], sparse[1, r] + sparse[0, r]):
+                if value[a] != 0.0:
+                    of_tree[tree[colind[a]]] = label[g]
+    for i in range(len(tree)):
+        island[i] = of_tree[tree[i]]
+    return label, island
 
 
 @kernel

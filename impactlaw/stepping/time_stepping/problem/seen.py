@@ -14,6 +14,7 @@ from impactlaw.scene.contacts import Contacts
 from impactlaw.scene.equality_constraints import rows_that_count
 from impactlaw.scene.joint_limits import NO_GEOM, Limits, LimitState
 from impactlaw.stepping.compiled.dense import gradients, mass_matrix
+from impactlaw.stepping.time_stepping.problem.energy import islands_of
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.problem.targets import reached_groups
 
@@ -108,9 +109,18 @@ class Seen:
         return first[contact] + 1 + np.arange(len(contact)) - np.repeat(np.cumsum(more) - more, more), contact
 
     def collision(
-        self, groups: np.ndarray, velocity: np.ndarray, labels: tuple[str, ...], *, friction: bool
+        self,
+        groups: np.ndarray,
+        velocity: np.ndarray,
+        labels: tuple[str, ...],
+        *,
+        friction: bool,
+        acts: np.ndarray | None = None,
     ) -> Collision:
-        """Return the collision of some groups, int (h,), at v-, (nv,)."""
+        """Return the collision of some groups, int (h,), at v-, (nv,).
+
+        It is beside the equality constraints that collisions must not violate, or those of them that act, bool (g,).
+        """
         rows, friction_of_rows = self.rows, None
         first, (tangential, contact) = rows.first[groups], self.tangential(groups)
         J = self._gradients(first)
@@ -126,12 +136,16 @@ class Seen:
             labels=labels,
             friction=friction_of_rows,
             surface_velocity=surface if surface.any() else None,
-            bilateral_jacobian=self._constraints,
+            bilateral_jacobian=self._constraints if acts is None else self._constraints_of(acts[self.kept]),
         )
 
     @cached_property
     def _constraints(self) -> np.ndarray | None:
         """Gradients of the equality constraints that count, (k, nv)."""
+        return self._constraints_of(np.ones(len(self.number), dtype=bool))
+
+    def _constraints_of(self, acts: np.ndarray) -> np.ndarray | None:
+        """Return `_constraints` where only some may count, bool (m,)."""
         first = self.rows.first[self.kept]
         if not len(first):
             return None
@@ -139,7 +153,7 @@ class Seen:
         Y = np.zeros_like(J)
         for y, start, end in zip(Y, begin, begin + many, strict=True):
             y[self.rows.colind[start:end]] = self.rows.value[start:end]
-        return rows_that_count(self.model, self.number, self.given, J, Y, np.ones(len(J), dtype=bool))
+        return rows_that_count(self.model, self.number, self.given, J, Y, acts)
 
     def reached(self, collides: np.ndarray, pushed: np.ndarray) -> np.ndarray:
         """Return which groups take part in a collision, bool (g,); see `targets.reached_groups`."""
@@ -147,6 +161,11 @@ class Seen:
         return reached_groups(
             rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, self.model.dof_treeid, collides, pushed
         )
+
+    def islands(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the islands of groups, int (g,), and of degrees of freedom, int (nv,); see `energy.islands_of`."""
+        rows = self.rows
+        return islands_of(rows.sparse, rows.colind, rows.value, rows.groups, rows.rates, self.model.dof_treeid)
 
     @property
     def _layout(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
