@@ -146,6 +146,20 @@ def test_a_box_that_rolls_over_its_edges_gains_no_energy_at_large_timesteps(size
     assert energies[-1] == pytest.approx(1.0, abs=1e-6)  # flat on the floor
 
 
+def test_a_stack_of_boxes_1000_times_as_heavy_as_those_between_them_stays():
+    """Nothing but rounding moves it: in contacts without friction the least tilt becomes five times as large a step."""
+    boxes = "".join(
+        f'<body pos="0 0 {0.125 + 0.25 * i}"><freejoint/>'
+        f'<geom type="box" size=".125 .125 .125" mass="{1000 ** (i % 2)}" condim="1"/></body>'
+        for i in range(50)
+    )
+    model, data = scenes.compiled(FLOOR + boxes)
+    start, stepper = data.qpos.copy(), Stepper(model, MaximalDissipation())
+    for _ in range(10):
+        stepper.step(data)
+    np.testing.assert_allclose(data.qpos, start, atol=2e-11)
+
+
 @pytest.mark.parametrize("timestep", [1e-3, 1e-2])
 def test_a_stiff_actuator_leaves_no_step_in_penetration(timestep):
     """A rebound that is rest over short flows only: the block must not be left inside the wall."""
