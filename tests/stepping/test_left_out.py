@@ -5,7 +5,7 @@ import copy
 import mujoco
 import numpy as np
 import pytest
-from scenes import compiled
+from scenes import WAYS, compiled
 
 from impactlaw import Moreau, Stepper
 from impactlaw.batch import Batch
@@ -14,13 +14,6 @@ from impactlaw.errors import SceneError
 from impactlaw.stepping import left_out
 from impactlaw.stepping.plan import make_plan
 
-WAYS = {
-    "soft": {"contact_model": "soft"},
-    "soft in Python": {"contact_model": "soft", "compiled": "never"},
-    "time-stepping": {"scheme": "time-stepping"},
-    "time-stepping in Python": {"scheme": "time-stepping", "compiled": "never"},
-    "event-driven": {},
-}
 every_way = pytest.mark.parametrize("way", WAYS)
 OVERRIDE = '<option o_friction=".1 .1 .005 .0001 .0001"><flag override="enable"/></option>'
 

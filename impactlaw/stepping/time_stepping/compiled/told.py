@@ -40,10 +40,13 @@ class Teller:
     def _steps(self) -> Any:
         return self._compile(self.scheme)
 
+    @property
+    def finds_sums(self) -> bool:
+        """Whether steps are to find sums from now on."""
+        return bool(self._settings[SETTING.told])
+
     def told(self, numbers: np.ndarray) -> ImpactSums | None:
-        """Return the sums that a step has found; None if it was not to, or where only events tell."""
-        if not self._settings[SETTING.told]:
-            return None
+        """Return the sums that a step has found, which was to; None where only events tell."""
         count, energy, intensity, *many = numbers[MEMORY.sums : MEMORY.sums + SUMS].tolist()
         return ImpactSums(int(count), energy, 0.0, intensity, *map(int, many)) if count > 0.0 else None
 
@@ -90,7 +93,7 @@ class Replay:
     """
 
     def __init__(self, teller: Teller, owner: object, state: np.ndarray, before: np.ndarray, numbers: np.ndarray):
-        self._teller, self._places = teller, (owner, state, before, numbers)
+        self._teller, self._places, self._summed = teller, (owner, state, before, numbers), teller.finds_sums
 
     def __call__(self) -> tuple[ImpactEvent, ...]:
         """Return them as events."""
@@ -102,7 +105,8 @@ class Replay:
         _, state, before, numbers = self._places
         at = MEMORY.left + self._teller.scheme.model.nq
         after = numbers[at : at + self._teller.scheme.model.nv].copy()
-        return Start(state.copy(), before.copy(), memory.raw(before), after, self._teller.told(numbers))
+        found = self._teller.told(numbers) if self._summed else None
+        return Start(state.copy(), before.copy(), memory.raw(before), after, found)
 
     def __getstate__(self) -> dict[str, Any]:
         """A copy has what the step began with."""

@@ -13,7 +13,7 @@ import pytest
 from impactlaw import Fremond, ImpactEvent, Law, Moreau, Newton, Stepper
 from impactlaw.errors import SceneError
 from impactlaw.models import load
-from impactlaw.stepping.impact_event import NOTHING, ImpactSums
+from impactlaw.stepping.impact_event import NOTHING, ImpactSums, sums_of
 from impactlaw.stepping.time_stepping.compiled import told
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 from scripts.robots.agreement import compiled_stepper
@@ -137,6 +137,22 @@ def energy(events: tuple[ImpactEvent, ...]) -> float:
     """Return T+ - T- of a single event."""
     (change,) = energies(events)
     return change
+
+
+def test_sums_that_a_step_was_not_to_find_are_not_those_of_a_step_before():
+    """They are not found until somebody asks; a copy has the numbers of its original, of whom somebody has asked."""
+    stepper, data = fall(Moreau(0.5))
+    assert stepper.sums.collisions
+    stepper.step(data)
+    data.qpos[2], data.qvel[2] = 0.101, -1.0
+    stepper.step(data)
+    other, held = copy.deepcopy(stepper), []
+    for speed in (2.0, 3.0):
+        data.qpos[2], data.qvel[2] = 0.101, -speed
+        other.step(data)
+        held.append(other.told)
+    for later in held:
+        np.testing.assert_allclose(sums_of(later), ImpactSums.of(later()), rtol=1e-7, atol=1e-9)
 
 
 def test_a_law_set_afterwards_does_not_tell_the_collisions_of_before():
