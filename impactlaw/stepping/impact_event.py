@@ -1,4 +1,4 @@
-"""What a stepper reports of a collision."""
+"""What a stepper reports about a collision."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class ImpactEvent:
 
     Attributes:
         time: simulation time of the collision, s.
-        contacts: the contacts that collided: their labels, geoms, gap, position, normal.
-        impact: the outcome; ``impact.collision`` holds mass matrix, Jacobian and velocity before.
-        qpos: the configuration it happened at, (nq,).
-        projected: whether the outcome by the law left S(v-), and this is another one.
+        contacts: the contacts that collided, with their labels, geoms, gaps, positions and normals.
+        impact: the outcome; ``impact.collision`` holds the mass matrix, the Jacobian and the velocity before.
+        qpos: the configuration at the collision, (nq,).
+        projected: whether the law's own outcome left S(v-) and was replaced by this one.
     """
 
     time: float
@@ -35,18 +35,18 @@ class ImpactEvent:
 
 
 class ImpactSums(NamedTuple):
-    """Sums over collisions; compiled steps know them without making an event of each."""
+    """Sums over collisions; compiled steps compute them without making an event of each collision."""
 
-    collisions: int = 0  # how many
-    energy_change: float = 0.0  # of ``T+ - T-``, J
-    surface_work: float = 0.0  # what moving surfaces did of that, and equality constraints that had drifted, J
-    intensity: float = 0.0  # of ``|v+ - v-|`` in the kinetic metric, sqrt(J)
-    distant: int = 0  # collisions with a distant effect
-    inadmissible: int = 0  # collisions whose outcome by the law left S(v-) and was projected, scaled or let through
+    collisions: int = 0  # number of collisions
+    energy_change: float = 0.0  # sum of ``T+ - T-``, J
+    surface_work: float = 0.0  # the part of it that is work of moving surfaces and of drifted equality constraints, J
+    intensity: float = 0.0  # sum of ``|v+ - v-|`` in the kinetic metric, sqrt(J)
+    distant: int = 0  # number of collisions with a distant effect
+    inadmissible: int = 0  # number of collisions whose outcome left S(v-) and was projected, scaled or let through
 
     @classmethod
     def of(cls, events: Iterable[ImpactEvent]) -> ImpactSums:
-        """Sum up events."""
+        """Return the sums over events."""
         total = cls()
         for event in events:
             impact = event.impact
@@ -56,7 +56,7 @@ class ImpactSums(NamedTuple):
         return total
 
     def with_more(self, other: ImpactSums) -> ImpactSums:
-        """Return the sums over the collisions of both."""
+        """Return the sums over the collisions of both operands."""
         return ImpactSums(
             self.collisions + other.collisions,
             self.energy_change + other.energy_change,
@@ -68,21 +68,21 @@ class ImpactSums(NamedTuple):
 
 
 NOTHING = ImpactSums()
-"""The sums over no collision."""
+"""The sums of a step without collisions."""
 
 
 def _is_inadmissible(impact: Impact) -> bool:
-    """Whether the outcome by the law left S(v-): it was scaled or let through."""
+    """Return whether the law's outcome left S(v-) and was scaled or let through."""
     scaled = isinstance(impact, FrictionImpact) and impact.restitution_scale < 1.0
     return scaled or not impact.violations.is_admissible()
 
 
 Told = tuple[ImpactEvent, ...] | Callable[[], tuple[ImpactEvent, ...]]
-"""Collisions, or what returns them, which may know the sums over them: an attribute `sums`."""
+"""Collisions, or a function that returns them; it may have an attribute `sums` with the sums over them."""
 
 
 def changed_model(time: float) -> SceneError:
-    """Return the error of events that are asked for too late."""
+    """Return the error for events that are read after the model has changed."""
     return SceneError(
         f"the model was changed after the step at t = {time:.6g} s: compiled steps tell their collisions by taking the "
         'step once more; ask for events before the model changes, or take compiled="never"'
@@ -90,7 +90,7 @@ def changed_model(time: float) -> SceneError:
 
 
 def sums_of(told: Told) -> ImpactSums:
-    """Return the sums over collisions; where they are known no event is resolved."""
+    """Return the sums over collisions; events are resolved only if the sums are not known."""
     if not told:
         return NOTHING
     known = getattr(told, "sums", None)
@@ -98,23 +98,23 @@ def sums_of(told: Told) -> ImpactSums:
 
 
 class Collisions:
-    """Collisions of several steps, in their order."""
+    """Collisions of several steps, in order."""
 
     def __init__(self, parts: list[Told]):
         self._parts = parts
 
     def __call__(self) -> tuple[ImpactEvent, ...]:
-        """Return them as events."""
+        """Return the events of all steps."""
         return tuple(event for part in self._parts for event in (part() if callable(part) else part))
 
     @cached_property
     def sums(self) -> ImpactSums:
-        """Sums over all of them."""
+        """Sums over the collisions of all steps."""
         return reduce(ImpactSums.with_more, map(sums_of, self._parts), NOTHING)
 
 
 def together(parts: list[Told]) -> Told:
-    """Return what tells the collisions of all parts."""
+    """Return the collisions of all parts as one."""
     if len(parts) == 1:
         return parts[0]
     return Collisions(parts) if parts else ()

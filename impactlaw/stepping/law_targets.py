@@ -1,4 +1,4 @@
-"""What a law asks of the contacts that collide in a step."""
+"""The contact velocities that a law asks of the contacts that collide in a step."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from impactlaw.solvers.friction.problem import ConeProblem
 class LawTargets:
     """The contact velocities ``gamma^h`` that a law aims at, for the problem of a step.
 
-    Any law can be asked: one with a target, ``gamma^h = -E gamma-`` or another, for that; one with a rule of its own
-    for impulses, such as Poisson's two phases, for the contact velocities that it leads to without friction. Those are
-    reached by ``0 <= Lambda  ⊥  gamma+ - gamma^h >= 0`` again, since the law's own impulses do that. A rule that has
-    friction in it, such as Routh's, also says where sliding velocities are to end.
+    This works for any law. A law with a target, such as ``gamma^h = -E gamma-``, gives that target. A law with its own
+    rule for impulses, such as Poisson's two phases, gives the contact velocities that it leads to without friction;
+    these solve ``0 <= Lambda  ⊥  gamma+ - gamma^h >= 0``, because the law's own impulses do. A rule that includes
+    friction, such as Routh's, also gives the final sliding velocities.
 
     Attributes:
-        restitution: e of a law that has the same for every contact, which needs no more to be known; else None.
-        alone: whether a contact's target depends on its own velocity only.
+        restitution: e if the law has the same e for every contact (then no more needs to be known); else None.
+        alone: whether the target of a contact depends on the velocity of that contact only.
     """
 
     def __init__(self, law: Law, *, exact: bool = True):
@@ -37,12 +37,15 @@ class LawTargets:
             self.rule = law if isinstance(law, Coulomb) else Coulomb(law, cone="exact" if exact else "convex")
 
     def of_each(self, labels: Sequence[str], velocity: np.ndarray) -> np.ndarray:
-        """Return ``gamma^h`` of contacts, (k,), from their labels and ``gamma-``, (k,), where `alone`."""
+        """Return ``gamma^h`` of contacts, (k,), from their labels and ``gamma-``, (k,); only valid if `alone`."""
         unit = np.eye(len(velocity))
         return np.asarray(aim(self.law, Collision(unit, unit, velocity, labels=tuple(labels))).contact_velocity)
 
     def with_friction(self, collision: Collision) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return ``gamma^h``, (k,), and sliding velocities to end at, of a rule with friction in it; None without."""
+        """Return ``gamma^h``, (k,), and final sliding velocities of a rule with friction.
+
+        Return None if the law has no such rule, the collision has no friction, or the rule finds no impulses.
+        """
         if self.rule is None or collision.friction is None:
             return None
         try:
@@ -53,7 +56,7 @@ class LawTargets:
         return impact.post_contact_velocity, impact.post_sliding_velocity
 
     def of_all(self, collision: Collision) -> np.ndarray:
-        """Return ``gamma^h``, (k,), of all contacts of a collision; E = 0 where the law has no solution."""
+        """Return ``gamma^h``, (k,), of all contacts of a collision; E = 0 if the law has no solution."""
         try:
             if self.law.has_target:
                 return np.asarray(aim(self.law, collision).contact_velocity, dtype=float)
@@ -62,7 +65,7 @@ class LawTargets:
             return np.zeros(len(collision.labels))
 
     def couples(self, collision: Collision) -> bool:
-        """Return whether the law alone makes contacts depend on each other that do not influence each other."""
+        """Return whether the law couples contacts that do not influence each other through the mass matrix."""
         ties, h = ties_of(self.law, collision), len(collision.labels)
         if ties is None:
             return False

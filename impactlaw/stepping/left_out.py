@@ -1,6 +1,6 @@
-"""What a plan has left out, and whether the scene has come to need it: then steps end, rather than go on without.
+"""Detect changes of the model that need a part that the plan has left out: the next step then raises an error.
 
-Event-driven steps learn friction when a contact is first seen; here they are told to learn it anew.
+Event-driven steps read friction when a contact is first seen; `LeftOut.check` tells when they must read it again.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ _WORDS = {
     "limits": "joints or tendons have limits",
     "surfaces": "surfaces move",
 }
-"""What a scene has that needs a part of a plan."""
+"""What is true of a scene that needs a part of the plan, for error messages."""
 
 
 def watched_fields(plan: Plan, friction: Literal["coulomb", "convex", "ignore"]) -> tuple[str, ...]:
-    """Return the fields of the model that may come to need what the plan has left out.
+    """Return the fields of the model whose change may require a part that the plan has left out.
 
-    Soft steps and time stepping see limits whatever the plan says, and time stepping belts, too.
+    Soft steps and time stepping handle limits whatever the plan says, and time stepping also handles belts.
     """
     if not plan.detection:
         fields = _CONTACT
     elif friction != "ignore" and (not plan.friction or plan.scheme == "event-driven"):
-        fields = _FRICTION + (() if plan.friction else _CONTACT)  # of others that meet then
+        fields = _FRICTION + (() if plan.friction else _CONTACT)  # other geoms that can then meet may have friction
     else:
         fields = ()
     if plan.scheme == "time-stepping":
@@ -47,7 +47,7 @@ def watched_fields(plan: Plan, friction: Literal["coulomb", "convex", "ignore"])
 
 
 class LeftOut:
-    """Looks whether a model still has the plan that was made for it, as far as steps depend on that."""
+    """Checks whether the plan still fits the model, in the fields that steps depend on."""
 
     def __init__(self, model: mujoco.MjModel, plan: Plan, friction: Literal["coulomb", "convex", "ignore"]):
         self._model, self._plan = model, plan
@@ -57,15 +57,15 @@ class LeftOut:
         self._keep()
 
     def __bool__(self) -> bool:
-        """Whether there is anything to look at."""
+        """Whether there is any field to check."""
         return len(self._names) > 0
 
     def check(self) -> bool:
-        """Refuse to go on where the model has come to need what was left out; return whether friction was changed.
+        """Refuse changes of the model that need a part that was left out; return whether friction was changed.
 
         Raises:
-            SceneError: it has, or limits of joints are other ones (event-driven), or friction is none that can be
-                resolved; says what has changed.
+            SceneError: the model now needs a part that was left out, limits of joints have changed (event-driven), or
+                friction cannot be resolved. The message says what has changed.
         """
         model, rubs = self._model, False
         if not self._plan.detection and self._parents != model.opt.disableflags & _FILTER_PARENT:
@@ -83,7 +83,7 @@ class LeftOut:
         self._kept = [(name, getattr(self._model, name).tobytes()) for name in self._names]
 
     def _compare(self, name: str) -> None:
-        """Look at all that a field may have changed."""
+        """Check everything that a change of this field may affect."""
         model, old = self._model, self._plan
         new = make_plan(model, old.contact_model, scheme=old.scheme, friction=self._friction)
         for part, words in _WORDS.items():
@@ -102,6 +102,6 @@ class LeftOut:
 
 
 def _active_limits(model: mujoco.MjModel) -> bytes:
-    """Return what tells one choice of limits from another."""
+    """Return a fingerprint of the limits of joints and tendons."""
     joints = np.where(model.jnt_limited[:, None] != 0, model.jnt_range, 0.0)
     return model.jnt_limited.tobytes() + model.tendon_limited.tobytes() + joints.tobytes()

@@ -1,4 +1,4 @@
-"""The options of a stepper: their values, which mean nothing to a way to step, and which contacts a law is for."""
+"""The options of a stepper: their values, which of them each way to step ignores, and which contacts a law is for."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ _KNOWN = {
     "solver": ("solver", (None, "auto", *SOLVERS)),
     "compiled": ("compiled option", (None, "auto", "never")),
 }
-"""What an error calls each option, and its values."""
+"""The name of each option in error messages, and its possible values."""
 
 _UNUSED = {
     "soft": ("scheme", "overlap", "on_unsolved", "gap_tolerance"),
     "event-driven": ("rest_speed", "compiled"),
     "time-stepping": ("on_unsolved", "gap_tolerance", "max_events", "solver"),
 }
-"""Options that a way to step has no use for."""
+"""The options that do not apply to each way to step."""
 
 
 class Options(NamedTuple):
-    """What a `Stepper` was told, None where it was not; see there."""
+    """The options that a `Stepper` was given, see there; None if an option was not given."""
 
     contact_model: Literal["rigid", "soft"]
     scheme: Literal["event-driven", "time-stepping"] | None
@@ -58,12 +58,12 @@ class Options(NamedTuple):
         return "soft" if self.contact_model == "soft" else self.scheme or "event-driven"
 
     def check(self) -> None:
-        """Refuse values that there are not, and options that would change nothing.
+        """Refuse unknown values, and options that would have no effect.
 
         Raises:
-            UnknownNameError: an option has no such value; names those that there are.
+            UnknownNameError: an option has no such value. The message names the possible values.
             SceneError: an option is given that is for another way to step.
-            OptionError: rest_speed is not a speed, gap_tolerance no length, or max_events no count.
+            OptionError: rest_speed is not a speed, gap_tolerance not a length, or max_events not a count.
         """
         for name, (kind, known) in _KNOWN.items():
             if getattr(self, name) not in known:
@@ -80,16 +80,16 @@ class Options(NamedTuple):
 
 
 def select(model: mujoco.MjModel, contacts: str | Sequence[str] | None, limits: bool) -> Chosen | None:
-    """Return the contacts that a law is for; None for all.
+    """Return the contacts that the law is for; None for all.
 
     Args:
         model: the scene.
         contacts: patterns of contacts between geoms, see `laws.restitution.labels`; None for all.
-        limits: whether limits of joints and tendons are among them.
+        limits: whether the law is also for limits of joints and tendons.
 
     Raises:
-        OptionError: no patterns, or limits is neither True nor False.
-        UnknownNameError: a pattern that no contact of the scene can match.
+        OptionError: contacts is not a pattern or a list of patterns, or limits is neither True nor False.
+        UnknownNameError: no contact of the scene can match a pattern.
     """
     if not isinstance(limits, bool):
         raise OptionError(f"limits is True or False: whether limits of joints and tendons obey the law; got {limits!r}")

@@ -1,4 +1,4 @@
-"""What stepping a scene takes, read off the compiled model: parts that some scenes need, and whether this one does."""
+"""The plan of a step: which optional parts the scene needs, derived from the compiled model."""
 
 from __future__ import annotations
 
@@ -31,26 +31,26 @@ class Part:
 
 @dataclass(frozen=True)
 class Plan:
-    """Which parts of stepping a scene needs. What is False is left out."""
+    """Which parts of a step the scene needs; steps leave out the parts whose flag is False."""
 
     contact_model: Literal["rigid", "soft"]  # "rigid" or "soft"
-    # of rigid stepping, "event-driven" or "time-stepping"; None for soft stepping
+    # "event-driven" or "time-stepping" for rigid stepping; None for soft stepping
     scheme: Literal["event-driven", "time-stepping"] | None
     limits: bool  # joints or tendons have limits, which are contacts like any other
     detection: bool  # collision detection: some geoms can meet
-    convex: bool  # exact settings of MuJoCo's general convex collider: some pairs are measured by it
-    faces: bool  # a second detection for several contacts between faces of cylinders and meshes
+    convex: bool  # exact settings of MuJoCo's general convex collider, which measures some pairs
+    faces: bool  # a second detection, to find several contacts between faces of cylinders and meshes
     points: bool  # matching contact points from phase to phase: some pairs have several contacts
-    passing: bool  # the check that no body passes through another: some bodies meet others that are not planes
+    passing: bool  # the check that no body passes through another: some bodies can meet others that are not planes
     # a bound on rotation within a smooth phase: some bodies that can meet others, or planes, are not round
     turning: bool
     bilateral: bool  # equality constraints that no impulse may violate
-    friction: bool  # some contacts have friction; of soft stepping, in collisions
-    surfaces: bool  # surfaces that move by themselves: some mocap bodies can meet others, or belts with friction
+    friction: bool  # some contacts have friction; in soft stepping it acts in collisions
+    surfaces: bool  # surfaces that move by themselves: some mocap bodies, or belts with friction, can meet others
     inertia: bool  # a new factor of the mass matrix at every collision: it depends on the configuration
-    rest: bool  # the contact forces of a step that has moved nothing are tried in the next one
-    pairs: GeomPairs = field(repr=False, compare=False)  # geoms that can meet
-    parts: tuple[Part, ...] = field(repr=False, compare=False)  # the same for people to read, with reasons
+    rest: bool  # the contact forces of a step in which nothing moved are tried again in the next step
+    pairs: GeomPairs = field(repr=False, compare=False)  # pairs of geoms that can meet
+    parts: tuple[Part, ...] = field(repr=False, compare=False)  # the same plan with reasons, for people to read
 
 
 def make_plan(
@@ -60,7 +60,7 @@ def make_plan(
     scheme: Literal["event-driven", "time-stepping"] | None = None,
     friction: Literal["coulomb", "convex", "ignore"] = "coulomb",
 ) -> Plan:
-    """Derive from the compiled model, and the options of a `Stepper`, what steps of it take."""
+    """Return the plan for the compiled model and these options of a `Stepper`."""
     pairs = geom_pairs(model)
     geoms = pairs.geoms
     thin = thickness(model)
@@ -91,20 +91,20 @@ def make_plan(
 
 
 def _moves(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
-    """Return which pairs of geoms have one on a mocap body, bool (p,)."""
+    """Return which pairs of geoms include a geom on a mocap body, bool (p,)."""
     return (model.body_mocapid[model.body_rootid[model.geom_bodyid[geoms]]] >= 0).any(axis=1)
 
 
 def _runs(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
-    """Return which pairs of geoms have one whose surface runs like a belt, bool (p,).
+    """Return which pairs of geoms include a geom whose surface runs like a belt, bool (p,).
 
-    In a model that was compiled without belts MuJoCo does not look at `geom_surfacevel`.
+    MuJoCo ignores `geom_surfacevel` in a model that was compiled without belts.
     """
     return bool(model.flg_surfacevel) & model.geom_surfacevel.any(axis=1)[geoms].any(axis=1)
 
 
 def format_plan(plan: Plan) -> str:
-    """Return the plan as lines of text, what runs first."""
+    """Return the plan as lines of text; the parts that run come first."""
     width = max(len(part.name) for part in plan.parts)
     parts = sorted(plan.parts, key=lambda part: not part.runs)
     return "\n".join(f"{'runs    ' if part.runs else 'left out'}  {part.name:<{width}}  {part.why}" for part in parts)
@@ -112,7 +112,7 @@ def format_plan(plan: Plan) -> str:
 
 @dataclass(frozen=True)
 class _Reasons:
-    """Puts into words why a part runs or is left out."""
+    """Explains in words why each part runs or is left out."""
 
     model: mujoco.MjModel
     pairs: GeomPairs
@@ -254,8 +254,8 @@ class _Reasons:
 def has_constant_inertia(model: mujoco.MjModel) -> bool:
     """Return whether the mass matrix is the same in every configuration.
 
-    So it is where each tree of bodies has slides only, or one joint, which is a hinge, or free with the center of mass
-    in the origin of its body.
+    It is constant if each tree of bodies has slide joints only, or a single joint that is either a hinge or a free
+    joint of a body with its center of mass in its origin.
     """
     if model.tendon_armature.any() or model.actuator_armature[model.actuator_trntype == _TENDON].any():
         return False
@@ -270,7 +270,7 @@ def has_constant_inertia(model: mujoco.MjModel) -> bool:
 
 
 def _is_centered(model: mujoco.MjModel, root: int) -> bool:
-    """Return whether the center of mass of a tree without inner joints is the origin of its root."""
+    """Return whether the center of mass of a tree without inner joints is at the origin of its root body."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)

@@ -33,76 +33,88 @@ _ANEW = "make a new Stepper"
 class Stepper:
     """Advances a scene by its own timestep under an impact law.
 
-    With ``contact_model="rigid"`` MuJoCo does everything but contact and the law owns the contacts, with the friction
-    of the scene. Event-driven steps locate the times at which gaps close, resolve every collision by the law, and keep
-    touching contacts touching (`impactlaw.stepping.event_driven`): exact; what takes too much work is time stepped.
-    Time stepping solves one problem a step for impacts and held contact together (`impactlaw.stepping.time_stepping`):
-    of first order in collisions, at a bounded price, and after the constructor nothing about contact raises. With
-    ``contact_model="soft"`` MuJoCo keeps contact and friction, and the law takes over collisions only; a step without
-    one is `mj_step`, bit for bit, unless contacts are tuned to bounce by themselves, or bodies touch where joints are
-    damped by more than their inertia in a timestep (`impactlaw.stepping.soft`).
+    With ``contact_model="rigid"`` the law governs all contacts, with the friction of the scene, and MuJoCo does
+    everything else. There are two schemes:
+
+    - Event-driven steps locate the times at which gaps close, resolve every collision by the law, and hold closed
+      contacts closed (`impactlaw.stepping.event_driven`). They are exact. The rest of a step that takes too much work
+      is time stepped.
+    - Time stepping solves one problem per step for impacts and persistent contact together
+      (`impactlaw.stepping.time_stepping`). It is of first order in collisions, its cost is bounded, and after the
+      constructor no contact makes it raise.
+
+    With ``contact_model="soft"`` MuJoCo keeps contact and friction, and the law takes over collisions only
+    (`impactlaw.stepping.soft`). A step without a collision is `mj_step`, bit for bit, with two exceptions: contacts
+    that are tuned to bounce by themselves, and bodies in contact while the damping of a joint exceeds its inertia
+    within a timestep.
 
     Args:
-        model: the compiled scene. Its options are read at every step, so they may be changed between steps (contacts
-            and limits that they disable are off); the override of contacts is refused where these have friction
-            (rigid). What else of it is changed later has its effect where MuJoCo reads it again; event-driven steps
-            keep shapes as they were when a contact was first seen. Friction, contact, limits and belts that it comes to
-            have, but had not when the stepper was made, are refused by the next step, and so are other limits of joints
-            if it is event-driven.
+        model: the compiled scene. Its options are read at every step and may be changed between steps; contacts and
+            limits that they disable are off. Rigid steps refuse the override of contacts if contacts have friction.
+            Any other change takes effect where MuJoCo reads the field again, except that event-driven steps keep
+            shapes as they were when a contact was first seen. If the model later gets friction, contacts, limits or
+            belts that it did not have when the stepper was made, the next step raises. So does an event-driven step
+            if the limits of joints have changed.
         law: a `Law`, or "scene" for the restitution that the MJCF itself carries (`laws.restitution.from_scene`).
         contact_model: "rigid" or "soft".
-        scheme: "event-driven", if not given, or "time-stepping" (rigid).
-        friction: "coulomb", if not given, is exact Coulomb friction in collisions and in sustained contact, with the
-            coefficients of the scene; "convex" its convex relaxation, in which contacts that slide also separate;
-            "ignore" leaves it out. Under soft contact that is the friction of collisions only. A law without friction
-            of its own gets `Coulomb` around it where contacts have friction.
-        overlap: "refuse" geoms that overlap and joints beyond their limits by more than gap_tolerance (of meshes and
-            height fields, what rounding to single precision makes is not counted), or "push-out": move the
-            configuration by the smallest shift in the kinetic metric that opens all gaps, with the velocity as it is.
-            Looked at where the configuration is not the one that the last step has left, as at the start and after a
-            reset (event-driven; time stepping opens what overlaps over time).
-        contacts: which contacts between geoms the law is for: a pattern such as "*foot*" or "*foot*/floor", or several
-            (`laws.restitution.labels`); all if not given. The others are MuJoCo's soft contacts if contact_model is
-            "soft", and do not collide by the law; where contacts are rigid they have E = 0.
-        limits: whether the law is for the limits of joints and tendons, too; if not, they are as contacts left out.
-        on_inadmissible: what to do with an outcome of the law outside of S(v-), that is one that would create
-            energy or penetrate: "raise", the default, "project" it onto S(v-), or "allow" it. Under time stepping,
-            where nothing penetrates, "project", the default, scales all restitution of a collision so that it creates
-            none.
-        on_unsolved: what to do where no certified impulses are found, where the law has no solution, where contact is
-            not held or cannot be pushed out, and where a step takes too much work, which is counted, not timed: let
-            "time-stepping", the default, take the rest of the step, or "raise" (event-driven).
-        gap_tolerance: gap up to which a contact counts as closed, and largest penetration at an event, m; 1e-9 if not
-            given (event-driven).
-        rest_speed: closing speed above which a contact collides, m/s or rad/s: 0.1 for soft contacts if not given; 1e-3
-            under time stepping, where forces must not have made more within a step.
-        max_events: collisions of one step, 100 if not given; what is left of a step with more is finished with E = 0
-            (soft), or time stepped if that would cost energy (event-driven). A larger one allows more work.
+        scheme: "event-driven" (the default) or "time-stepping" (rigid).
+        friction: "coulomb" (the default) is exact Coulomb friction in collisions and in persistent contact, with the
+            coefficients of the scene. "convex" is its convex relaxation, in which sliding contacts also separate.
+            "ignore" leaves friction out. Under soft contact the option concerns collisions only. A law without
+            friction of its own is wrapped in `Coulomb` if contacts have friction.
+        overlap: what to do with geoms that overlap, and joints beyond their limits, by more than gap_tolerance
+            (penetration of meshes and height fields that comes from rounding to single precision is not counted).
+            "refuse" raises an error. "push-out" moves the configuration by the smallest shift in the kinetic metric
+            that opens all gaps, and keeps the velocity. Overlap is checked only where the configuration is not the one
+            that the last step left, as at the start and after a reset. (Event-driven; time stepping opens overlaps
+            over time.)
+        contacts: the contacts between geoms that the law is for: a pattern such as "*foot*" or "*foot*/floor", or
+            several patterns (`laws.restitution.labels`); all contacts by default. The others do not collide by the
+            law: they remain MuJoCo's soft contacts if contact_model is "soft", and are rigid with E = 0 otherwise.
+        limits: whether the law is also for the limits of joints and tendons; if not, limits are treated like the
+            contacts that the law is not for.
+        on_inadmissible: what to do with an outcome of the law outside of S(v-), that is, one that would create
+            energy or penetrate: "raise" (the default), "project" it onto S(v-), or "allow" it. Time stepping never
+            penetrates; there "project" is the default and scales all restitution of a collision so that it creates
+            no energy.
+        on_unsolved: what to do if no certified impulses are found, the law has no solution, contact is not held,
+            overlap cannot be pushed out, or a step takes too much work (work is counted, not timed): "time-stepping"
+            (the default) takes the rest of the step, "raise" raises an error (event-driven).
+        gap_tolerance: gap up to which a contact counts as closed, and largest penetration at an event, m; 1e-9 by
+            default (event-driven).
+        rest_speed: closing speed above which a contact collides, m/s or rad/s; 0.1 by default for soft contacts, 1e-3
+            for time stepping, where the speed must also exceed what forces can produce within a step.
+        max_events: largest number of collisions in one step, 100 by default. The rest of a step with more is finished
+            with E = 0 (soft), or time stepped if E = 0 would cost energy (event-driven). A larger number also allows
+            more work.
         solver: a name from `impactlaw.solvers.SOLVERS`, or "auto" (event-driven, soft).
-        compiled: take steps in compiled code where that covers the scene and the law, or "never"; "auto" is the default
-            and, if given, warns where steps are in Python (time stepping, soft).
+        compiled: "auto" (the default) takes steps in compiled code if it covers the scene and the law, and warns if
+            it does not and "auto" was given explicitly; "never" takes all steps in Python (time stepping, soft).
 
     Attributes:
-        law: the law; set to another one, it takes effect with the next step. The other options can be read, not set.
+        law: the law. It can be set; the new law takes effect with the next step. The other options can only be read.
         events: the collisions of the last step, in order.
         plan: what a step does in this scene and what it leaves out (`impactlaw.stepping.plan`).
-        unlocated: steps so far that had more than max_events collisions, or were time stepped in part or as a whole.
-        shortfall: by how much a normal contact velocity of the last step missed its law (time stepping).
-        short_steps: steps so far in which that was too much, or friction was not found (time stepping, and what it
-            takes of event-driven steps); in which contacts lost their restitution; or in which bodies jammed, and
-            MuJoCo's contacts were left alone (soft).
+        unlocated: number of steps so far that had more than max_events collisions, or were partly or wholly time
+            stepped.
+        shortfall: by how much a normal contact velocity of the last step missed the law (time stepping).
+        short_steps: number of steps so far in which the shortfall was too large or friction was not found (time
+            stepping, and the parts of event-driven steps that it takes over), contacts lost their restitution, or
+            bodies jammed and were left to MuJoCo's contacts (soft).
 
     Raises:
-        SceneError: the scene holds something rigid stepping does not cover, or its timestep is not positive, or an
-            option means nothing to this way to step; the message says what to do.
-        RestitutionError: law="scene" and the scene carries none, or the law is for more contacts than the scene can
-            have, or for other velocities, or for friction where there is none.
-        UnknownNameError: no such option, or the law is keyed by contacts that the scene cannot have.
-        OptionError: rest_speed is not a speed, gap_tolerance no length, max_events no count, or contacts no patterns.
+        SceneError: the scene contains something that rigid stepping does not cover, its timestep is not positive, or
+            an option does not apply to this way to step. The message says what to do.
+        RestitutionError: law="scene" and the scene carries no restitution; or the law is for more contacts than the
+            scene can have, for another number of velocities, or for friction where there is none.
+        UnknownNameError: there is no such option, or the law is keyed by contacts that the scene cannot have.
+        OptionError: rest_speed is not a speed, gap_tolerance not a length, max_events not a count, or contacts not
+            patterns.
 
     Warns:
-        HeldJointsWarning: time stepping may hold joints still: links overlap, or dry friction holds servos.
-        UnreadSensorsWarning: event-driven steps leave sensors of contact without forces.
+        HeldJointsWarning: time stepping may hold joints still, because links overlap or dry friction exceeds the
+            force of servos.
+        UnreadSensorsWarning: event-driven steps leave contact sensors without forces.
     """
 
     model, plan = Settled(_ANEW), Settled(_ANEW)
@@ -152,7 +164,7 @@ class Stepper:
         options.check()
         check_model(model)
         check_timestep(model.opt.timestep)
-        if options.way != "time-stepping":  # that has solvers of its own
+        if options.way != "time-stepping":  # time stepping has its own solvers
             load_solvers()
         for name, value in options._asdict().items():
             setattr(self, name, value)
@@ -172,11 +184,11 @@ class Stepper:
 
     @property
     def law(self) -> Law:
-        """The law; set it to another `Law`, or "scene", and the next step is under that one.
+        """The law. It can be set to another `Law`, or "scene", which takes effect with the next step.
 
         Raises:
-            RestitutionError: as the constructor, and the law stays what it was.
-            UnknownNameError: as the constructor, and the law stays what it was.
+            RestitutionError: for the same reasons as in the constructor; the law remains unchanged.
+            UnknownNameError: for the same reasons as in the constructor; the law remains unchanged.
         """
         return self._law
 
@@ -188,62 +200,64 @@ class Stepper:
 
     @property
     def events(self) -> tuple[ImpactEvent, ...]:
-        """The collisions of the last call, in order; compiled steps resolve them when they are first asked for."""
+        """The collisions of the last call, in order; compiled steps resolve them when they are first read."""
         return self._events() if callable(self._events) else self._events
 
     @property
     def told(self) -> Told:
-        """The collisions of the last call, or what returns them, also after further steps: they may not be resolved."""
+        """The collisions of the last call, or a function that resolves and returns them, also after further steps."""
         return self._events
 
     @property
     def sums(self) -> ImpactSums:
-        """Sums over the collisions of the last call; compiled steps find them without resolving any event."""
+        """Sums over the collisions of the last call; compiled steps compute them without resolving any event."""
         return sums_of(self._events)
 
     @property
     def stepping(self) -> Stepping:
-        """What takes the steps: its class tells the way, and whether compiled code covers scene and law."""
+        """The object that takes the steps; its class tells the way to step and whether the steps are compiled."""
         return self._stepping
 
     @property
     def unlocated(self) -> int:
-        """Steps so far that had more than max_events collisions (soft), or were time stepped in part (event-driven)."""
+        """Number of steps so far with more than max_events collisions (soft) or time stepped in part (event-driven)."""
         return self._stepping.unlocated
 
     @property
     def shortfall(self) -> float:
-        """Largest amount by which a normal contact velocity of the last step misses its law, m/s or rad/s.
+        """Largest amount by which a normal contact velocity of the last step misses the law, m/s or rad/s.
 
-        Under other schemes than time stepping it is 0: they certify every collision, or refuse it.
+        It is 0 except in time stepping: the other schemes certify every collision or refuse it.
         """
         return getattr(self._stepping, "shortfall", 0.0)
 
     @property
     def short_steps(self) -> int:
-        """Steps so far that did not meet their law.
+        """Number of steps so far that did not meet the law.
 
-        Time stepping: their shortfall was above 1e-6 of the largest contact velocity, or 1e-8 m/s; or friction was not
-        found, since its natural map stayed above 1e-6 of the largest velocity; or contacts lost their restitution:
-        those that are hit through others, one after another, were too many for a step, or friction jams bodies.
-        Event-driven: so it was in what time stepping has taken of a step. Soft: friction or constraints jam bodies, no
-        matter what the law is, and MuJoCo's contacts were left alone.
+        - Time stepping counts a step if its shortfall was above 1e-6 of the largest contact velocity, or 1e-8 m/s; if
+          friction was not found, that is, if its natural map stayed above 1e-6 of the largest velocity; or if contacts
+          lost their restitution, because too many were hit through others, one after another, for one step, or because
+          friction jams bodies.
+        - Event-driven steps count by the same rule if time stepping took over part of them.
+        - Soft steps count if contacts lost their restitution, or if friction or constraints jam bodies whatever the
+          law is, so that they were left to MuJoCo's contacts.
         """
         return getattr(self._stepping, "short_steps", 0)
 
     def step(self, data: mujoco.MjData, steps: int = 1) -> None:
         """Advance data by one ``model.opt.timestep``, or by several.
 
-        Rigid steps leave frames and inertia current; soft ones leave them as `mj_step` does. A rigid step that raises
+        Rigid steps leave frames and inertia current; soft steps leave them as `mj_step` does. A rigid step that raises
         leaves the state as it was before the step.
 
         Args:
-            data: of the scene.
-            steps: timesteps; `events` are those of all of them.
+            data: the state of the scene.
+            steps: number of timesteps; `events` then holds the collisions of all of them.
 
         Raises:
             OverlapError: geoms overlap at the start by more than the gap tolerance, or are squeezed so that they cannot
-                be pushed out, and on_unsolved is "raise"; names the pairs and depths.
+                be pushed out, and on_unsolved is "raise". The message names the pairs and depths.
             InadmissibleImpactError: the law would create energy and on_inadmissible is "raise".
             RestitutionError: the law's coefficients do not fit the contacts that collide.
             UnsolvableLawError: the law has no solution for the contacts that collide, and on_unsolved is "raise".
@@ -251,9 +265,10 @@ class Stepper:
                 (event-driven).
             UnfinishedStepError: the step takes too much work, or contact is not held, and on_unsolved is "raise".
             DivergenceError: position or velocity is not finite.
-            mujoco.FatalError: MuJoCo's own memory is too small, or it refuses what was written into the model.
-            SceneError: data is no MjData, or of a model with other bodies, joints or geoms; or the model has come to
-                need what the plan has left out, such as friction, or has other limits of joints (event-driven).
+            mujoco.FatalError: MuJoCo's own memory is too small, or MuJoCo refuses a value written into the model.
+            SceneError: data is not an MjData, or belongs to a model with other bodies, joints or geoms; or the model
+                now needs something that the plan has left out, such as friction, or its limits of joints have changed
+                (event-driven).
         """
         if not isinstance(data, mujoco.MjData) or not is_data_of(self._model, data):
             raise _other_model(data)
@@ -282,11 +297,11 @@ class Stepper:
         self._events = together(told)
 
     def finish_step(self, data: mujoco.MjData) -> None:
-        """Do what follows `mj_step1` in a soft step, as `mj_step2` does.
+        """Finish a soft step after `mj_step1`, in place of `mj_step2`.
 
         Raises:
-            SceneError: the contact model is not "soft", or data is no MjData, or of another model.
-            ImpactLawError: as by `step`.
+            SceneError: the contact model is not "soft", or data is not an MjData or belongs to another model.
+            ImpactLawError: for the same reasons as in `step`.
         """
         if not isinstance(data, mujoco.MjData) or not is_data_of(self._model, data):
             raise _other_model(data)
@@ -298,7 +313,7 @@ class Stepper:
         self._events = self._stepping.finish(data)  # pyright: ignore[reportAttributeAccessIssue]
 
     def _known(self, law: Law | Literal["scene"]) -> Law:
-        """Return the law, if it can be that of the scene and of the way to step."""
+        """Return the law, or that of the scene, after checking that it fits the scene and the way to step."""
         if isinstance(law, str) and law == "scene":
             law = scene_law(self.model)
         if not isinstance(law, Law):

@@ -1,4 +1,4 @@
-"""What takes the steps of a stepper, made from its options: event-driven, soft, or time stepping."""
+"""Make the object that takes the steps of a stepper from its options: event-driven, soft, or time stepping."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     Stepping = RigidStepping | SoftStepping | CompiledSoftStepping | TimeStepping | CompiledStepping
 
-_EVENTS = 100  # collisions of one step, where nobody says how many
+_EVENTS = 100  # default of max_events, the largest number of collisions in one step
 _UNREAD = (
     "event-driven steps leave no forces of contacts and limits in data: sensors such as {} read as if there were none; "
     'use scheme="time-stepping" or contact_model="soft" for them'
@@ -38,15 +38,15 @@ _UNREAD = (
 
 @dataclass(frozen=True, eq=False)
 class Way:
-    """How a scene is stepped, whatever the law."""
+    """How a scene is stepped, independent of the law."""
 
     model: mujoco.MjModel  # the scene
-    plan: Plan  # what the scene can need
-    options: Options  # as the stepper was told
+    plan: Plan  # which parts of a step the scene needs
+    options: Options  # as given to the stepper
     chosen: Chosen | None  # the contacts that the law is for; None for all
 
     def stepping(self, law: Law) -> Stepping:
-        """Return what takes steps under a law."""
+        """Return the object that takes steps under a law."""
         if self.options.way == "time-stepping":
             from impactlaw.stepping.time_stepping.make import make_time_stepping
 
@@ -63,9 +63,9 @@ class Way:
         return self._soft(law) if self.options.way == "soft" else self._event_driven(law)
 
     def law_for(self, law: Law) -> Law:
-        """Return the law with E = 0 for contacts that it is not for, and with the friction of the scene.
+        """Return the law with E = 0 for contacts that were not chosen, and with the friction of the scene.
 
-        Soft steps leave these contacts to MuJoCo; time stepping adds friction by itself.
+        Soft steps leave contacts that were not chosen to MuJoCo. Time stepping adds friction by itself.
         """
         return self._with_friction(self._of_chosen(law))
 
@@ -82,7 +82,7 @@ class Way:
         return self.options.friction or "coulomb"
 
     def _collider(self, law: Law) -> Collider:
-        """Return what resolves one collision after the other."""
+        """Return the collider, which resolves one collision after another."""
         o, last = self.options, self._with_friction(MaximalDissipation())
         most = _EVENTS if o.max_events is None else o.max_events
         return Collider(self.law_for(law), last, o.on_inadmissible or "raise", most, o.solver or "auto")
@@ -105,7 +105,7 @@ class Way:
         )
 
     def _soft(self, law: Law) -> SoftStepping | CompiledSoftStepping:
-        """Return soft stepping, in compiled code where it can be had."""
+        """Return soft stepping, in compiled code if it covers the scene and the law."""
         o = self.options
         speed = REST_SPEED if o.rest_speed is None else o.rest_speed
         scheme = SoftStepping(self.model, self._collider(law), self.plan, rest_speed=speed, chosen=self.chosen)
