@@ -1,4 +1,4 @@
-"""What of a scene holds its joints still under rigid contact, where MuJoCo's own contacts would give way."""
+"""Find what may hold the joints of a scene still under rigid contact, where MuJoCo's own contacts would give way."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ import numpy as np
 from impactlaw.errors import HeldJointsWarning
 from impactlaw.scene.contacts import geom_names
 
-_DEEP = 1e-3  # m; what overlaps less is mostly opened
-_LEVER = 1e-3  # m, and m/m; gradient of a gap, below which what pushes at it moves no joint
-_FEW = 2  # degrees of freedom between two links up to which a motion that opens them may be none
-_NAMED = 3  # that a line names
+_DEEP = 1e-3  # m; smaller overlaps are mostly opened
+_LEVER = 1e-3  # m, and m/m; gradient of a gap below which a push at the contact moves no joint
+_FEW = 2  # number of degrees of freedom between two links up to which perhaps no motion opens their overlap
+_NAMED = 3  # number of things that a line names
 _FIXED, _AFFINE = int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtBias.mjBIAS_AFFINE)
 _NO_BIAS = int(mujoco.mjtBias.mjBIAS_NONE)
 _JOINTS = int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)
@@ -24,18 +24,18 @@ _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLI
 
 
 def warn_of_held_joints(model: mujoco.MjModel, *, stacklevel: int) -> None:
-    """Warn of what `cautions` returns."""
+    """Warn of everything that `cautions` returns."""
     for caution in cautions(model):
         warnings.warn(caution, HeldJointsWarning, stacklevel=stacklevel)
 
 
 def cautions(model: mujoco.MjModel) -> tuple[str, ...]:
-    """Return a line for each thing that may hold joints of a scene still under rigid time stepping."""
+    """Return one line for each reason why joints of the scene may be held still under rigid time stepping."""
     return *_overlaps(model), *_weak_servos(model)
 
 
 def _overlaps(model: mujoco.MjModel) -> Iterator[str]:
-    """Yield a line if links of one mechanism overlap where the scene begins, which no motion may open."""
+    """Yield a line if links of one mechanism overlap at the start of the scene: perhaps no motion can open them."""
     data = mujoco.MjData(model)
     if model.nkey:
         mujoco.mj_resetDataKeyframe(model, data, 0)
@@ -43,7 +43,7 @@ def _overlaps(model: mujoco.MjModel) -> Iterator[str]:
     mujoco.mj_comPos(model, data)
     try:
         mujoco.mj_collision(model, data)
-    except mujoco.FatalError:  # no memory for so many contacts, which steps tell
+    except mujoco.FatalError:  # no memory for so many contacts; the steps report that
         return
     deepest: dict[tuple[int, int], float] = {}
     for contact in data.contact:
@@ -63,18 +63,21 @@ def _overlaps(model: mujoco.MjModel) -> Iterator[str]:
 
 
 def _are_linked(model: mujoco.MjModel, one: int, other: int) -> bool:
-    """Return whether few degrees of freedom, but some, are between two bodies of one mechanism."""
+    """Return whether two bodies of one mechanism have a few degrees of freedom between them, but at least one."""
     if model.body_rootid[one] != model.body_rootid[other] or model.body_rootid[one] == 0:
         return False
     count = 0
-    while one != other:  # a parent has a smaller number
+    while one != other:  # the parent has the smaller number
         count += int(model.body_dofnum[max(one, other)])
         one, other = min(one, other), int(model.body_parentid[max(one, other)])
     return 1 <= count <= _FEW
 
 
 def _turns(model: mujoco.MjModel, data: mujoco.MjData, contact: Any, one: int, other: int) -> bool:
-    """Return whether a joint can push at a contact: not one in whose axis or centre limbs overlap that it joins."""
+    """Return whether a push at a contact can move a joint.
+
+    It cannot where limbs overlap in the axis or the centre of the joint that connects them.
+    """
     jacobian = np.zeros((2, 3, model.nv))
     for body, rows in zip((one, other), jacobian, strict=True):
         mujoco.mj_jac(model, data, rows, None, contact.pos, body)
@@ -82,7 +85,7 @@ def _turns(model: mujoco.MjModel, data: mujoco.MjData, contact: Any, one: int, o
 
 
 def _weak_servos(model: mujoco.MjModel) -> Iterator[str]:
-    """Yield a line if actuators of joints are weaker than the dry friction of these, which is exact."""
+    """Yield a line if actuators of joints are weaker than the dry friction of these joints, which is exact here."""
     weak: list[str] = []
     for joint in range(model.njnt):
         loss = float(model.dof_frictionloss[model.jnt_dofadr[joint]])
@@ -100,7 +103,7 @@ def _weak_servos(model: mujoco.MjModel) -> Iterator[str]:
 
 
 def _strongest(model: mujoco.MjModel, actuator: np.intp, joint: int) -> float:
-    """Return the largest force of an actuator on its joint, N or N m; infinite where that is not known."""
+    """Return the largest force of an actuator on its joint, N or N m; infinite if it is not known."""
     gear, limit = abs(float(model.actuator_gear[actuator, 0])), np.inf
     if model.actuator_forcelimited[actuator]:
         limit = float(np.abs(model.actuator_forcerange[actuator]).max())
@@ -117,5 +120,5 @@ def _strongest(model: mujoco.MjModel, actuator: np.intp, joint: int) -> float:
 
 
 def _others(count: int) -> str:
-    """Return how many more there are than a line names."""
+    """Return how many more items there are than a line names."""
     return f", and {count - _NAMED} more" if count > _NAMED else ""

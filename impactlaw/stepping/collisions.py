@@ -1,4 +1,4 @@
-"""Collisions at one instant: the law, again and again, until no closed contact approaches."""
+"""Resolve all collisions at one instant: apply the law repeatedly until no closed contact approaches."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _SAME_INERTIA = 1e-14  # relative difference of mass matrices that is rounding w
 
 
 class Closed(NamedTuple):
-    """Closed contacts, and what impulses on them must respect."""
+    """Closed contacts, and the constraints on impulses at them."""
 
     contacts: Contacts  # the contacts
-    jacobian: np.ndarray  # their gap gradients, (h, nv)
+    jacobian: np.ndarray  # gap gradients of the contacts, (h, nv)
     bilateral: np.ndarray | None = None  # gradients of equality constraints, (m, nv); None if there are none
-    drift: np.ndarray | None = None  # what moving surfaces add to the contact velocities, m/s, (h,); None if none move
+    drift: np.ndarray | None = None  # contact velocities due to moving surfaces, m/s, (h,); None if none move
     drift_before: np.ndarray | None = None  # the same before a jump of the surfaces' velocity; None if there is no jump
-    friction: Friction | None = None  # of these contacts; None if they have none
+    friction: Friction | None = None  # friction of the contacts; None if they have none
 
     def contact_velocity(self, velocity: np.ndarray) -> np.ndarray:
         """Return ``J v + w``, m/s, (h,)."""
@@ -43,7 +43,7 @@ class Closed(NamedTuple):
         return gamma if self.drift is None else gamma + self.drift
 
     def coupled(self, metric: KineticMetric) -> np.ndarray:
-        """Return which contacts an impulse on each contact, friction included, can reach, bool (h, h)."""
+        """Return which contacts an impulse on each contact, friction included, influences, bool (h, h)."""
         J, owner = self.jacobian, np.arange(len(self.contacts))
         if self.friction is not None:
             J, owner = np.vstack([J, self.friction.jacobian]), np.concatenate([owner, self.friction.contact])
@@ -59,7 +59,7 @@ class Closed(NamedTuple):
         return found
 
     def collision(self, chosen: np.ndarray, metric: KineticMetric, velocity: np.ndarray) -> Collision:
-        """Return the collision of some of the contacts, (k,) indices, at a velocity, (nv,)."""
+        """Return the collision of the chosen contacts, (k,) indices, at a velocity, (nv,)."""
         some = self.select(chosen)
         before, after = some.drift_before, some.drift
         return Collision(
@@ -75,7 +75,7 @@ class Closed(NamedTuple):
         )
 
     def select(self, which: np.ndarray) -> Closed:
-        """Return some of the contacts, int (k,)."""
+        """Return the chosen contacts, int (k,)."""
         return Closed(
             self.contacts.select(which),
             self.jacobian[which],
@@ -86,7 +86,10 @@ class Closed(NamedTuple):
         )
 
     def resting(self, velocity: np.ndarray, rounding: np.ndarray) -> Closed:
-        """Return the same where only surfaces under contacts that rest jump: one that separates is met by another."""
+        """Return the same contacts, where only the surfaces under resting contacts jump.
+
+        A contact that separates from the surface before the jump sees only the surface velocity after the jump.
+        """
         if self.drift is None or self.drift_before is None:
             return self
         rests = np.abs(self.jacobian @ velocity + self.drift_before) <= rounding
@@ -97,16 +100,16 @@ class Closed(NamedTuple):
 class Collider:
     """Resolves collisions by a law.
 
-    Only contacts with ``gamma- <= 0`` take part, since a law is a map from -T_C, or such that tremble, and of those
-    only the ones that an impulse can reach. A contact that separates and is driven closed by the others collides next,
-    at the same time.
+    Only contacts with ``gamma- <= 0`` take part, since a law is a map from -T_C, and contacts that open slowly. Of
+    these, only contacts that an impulse can reach take part. A contact that separates and is then driven closed by the
+    others collides next, at the same time.
     """
 
     law: Law  # the law
-    last_law: Law  # the law of a collision that ends the matter, E = 0
-    # what to do with an outcome outside of S(v-): "raise", "project" it onto S(v-), or "allow" it
+    last_law: Law  # the law with E = 0, for the last of too many collisions
+    # what to do with an outcome outside of S(v-): "raise" an error, "project" it onto S(v-), or "allow" it
     on_inadmissible: Literal["raise", "project", "allow"]
-    most: int  # collisions of one step after which the last law on every closed contact ends the matter
+    most: int  # number of collisions in one step after which the last law resolves all closed contacts at once
     solver: str  # a name from `impactlaw.solvers.SOLVERS`, or "auto"
 
     def collide(
@@ -123,24 +126,25 @@ class Collider:
         events: list[ImpactEvent],
         work: Work | None = None,
     ) -> np.ndarray:
-        """Return the velocity after all collisions, (nv,), and append one event for each.
+        """Return the velocity after all collisions, (nv,), and append one event for each collision.
 
         Args:
-            metric: mass matrix.
+            metric: the kinetic metric.
             closed: the closed contacts.
             velocity: v-, (nv,).
-            approach: speed of closing, m/s, (h,), above which a contact collides.
+            approach: closing speed, m/s, (h,), above which a contact collides.
             rounding: contact velocity, m/s, (h,), up to which a contact counts as not separating.
-            opening: a larger one, m/s, of contacts that tremble: the law takes them for closed and still.
-            time: of the collision, s.
+            opening: larger bound on the contact velocity, m/s, up to which contacts that open take part, too: the law
+                treats them as closed and still.
+            time: time of the collision, s.
             qpos: configuration of the collision, (nq,).
-            events: of the step so far.
-            work: counts what the step has taken, if that is limited.
+            events: the events of the step so far.
+            work: counts the work of the step, if that is limited.
 
         Raises:
             InadmissibleImpactError: an outcome leaves S(v-) and on_inadmissible is "raise".
             UnsolvableLawError: the law has no solution.
-            UnfinishedStepError: that takes too much work.
+            UnfinishedStepError: the collisions take too much work.
         """
         coupled = None
         closed = closed.resting(velocity, rounding)
@@ -175,14 +179,15 @@ class Collider:
             where = closed.contacts.select(chosen), impact, qpos.copy()
             events.append(ImpactEvent(time, *where, projected=impact is not by_law))
             before, velocity = velocity, impact.post_velocity
-            if final or np.array_equal(before, velocity):  # a law that changes nothing changes nothing the next time
+            if final or np.array_equal(before, velocity):  # a law that changes nothing now changes nothing next time
                 return velocity
             closed = closed._replace(drift_before=None)
 
     def _as_closed(self, law: Law, collision: Collision, limited: dict[str, Work]) -> Impact | None:
-        """Return what the law makes of contacts that tremble; None where that is not possible, or leaves S(v-).
+        """Return the impact by the law if contacts that open slowly count as still.
 
-        A push against what opens can create energy, if little; and what opens can oppose what closes.
+        Return None if the law then has no solution, or the impact loses restitution or leaves S(v-): a push against a
+        contact that opens can create a little energy, and a contact that opens can oppose one that closes.
         """
         try:
             impact = as_closed(law).resolve(collision, solver=self.solver, **limited)
@@ -198,7 +203,7 @@ class Collider:
             return impact
         slowest = -_sharp(impact, rounding)
         if replace(v, kinematic=0.0).is_admissible() and np.all(impact.post_contact_velocity >= slowest):
-            return impact  # a contact that opened by rounding closes by rounding
+            return impact  # a contact that opened by rounding may close by rounding
         collision = impact.collision
         if self.on_inadmissible == "project":
             if not collision.has_admissible_set:
@@ -215,36 +220,36 @@ class Collider:
 
 @dataclass(frozen=True)
 class _AsClosed(Law):
-    """A law that takes contacts that open before the collision for still ones."""
+    """A law that treats contacts that open before the collision as still."""
 
     law: Law
 
     @property
     def contact_labels(self) -> frozenset[str]:
-        """Those of the law."""
+        """The contact labels of the inner law."""
         return self.law.contact_labels
 
     @property
     def normal_law(self) -> Law:
-        """That of the law."""
+        """The normal law of the inner law."""
         return self.law.normal_law
 
     def target(self, collision: Collision) -> Target:
-        """Return what the law aims at for ``min(gamma-, 0)``."""
+        """Return the target of the inner law for ``min(gamma-, 0)``."""
         opens, surface = np.maximum(collision.pre_contact_velocity, 0.0), collision.surface_velocity
         still = replace(collision, surface_velocity=-opens if surface is None else surface - opens)
         return Target(aim(self.law, still).contact_velocity)
 
 
 def is_kept(impact: Impact) -> bool:
-    """Return whether all restitution is kept, and the outcome is in S(v-)."""
+    """Return whether the impact keeps all restitution and its outcome is in S(v-)."""
     scaled = isinstance(impact, FrictionImpact) and impact.restitution_scale < 1.0
     return not scaled and impact.violations.is_admissible()
 
 
 @singledispatch
 def as_closed(law: Law) -> Law:
-    """Return the law for contacts of which some tremble; one with a rule of its own for impulses stays what it is."""
+    """Return the law that treats opening contacts as still; a law with its own rule for impulses stays as it is."""
     return _AsClosed(law) if law.has_target else law
 
 
@@ -254,7 +259,10 @@ def _(law: Coulomb) -> Law:
 
 
 def _sharp(impact: Impact, rounding: np.ndarray) -> np.ndarray:
-    """Return contact velocities up to which outcomes are known, (h,): of rounding, or of a solver's certificate."""
+    """Return the accuracy of the contact velocities of an outcome, (h,).
+
+    It is that of rounding, or of the solver's certificate if that is coarser.
+    """
     if not isinstance(impact, FrictionImpact) or impact.cones is None:
         return rounding
     return np.maximum(rounding, ENOUGH * impact.cones.scale * impact.cones.lengths)
@@ -265,7 +273,7 @@ def _part(values: np.ndarray | None, chosen: np.ndarray) -> np.ndarray | None:
 
 
 def _reached(coupled: np.ndarray, candidates: np.ndarray, approaching: np.ndarray) -> np.ndarray:
-    """Return the candidates that an impulse of an approaching contact can reach through others, as indices."""
+    """Return the indices of the candidates that an impulse of an approaching contact reaches through others."""
     coupled = coupled[np.ix_(candidates, candidates)]
     reached = approaching[candidates]
     count = 0
@@ -275,7 +283,7 @@ def _reached(coupled: np.ndarray, candidates: np.ndarray, approaching: np.ndarra
 
 
 def kinetic_metric(model: mujoco.MjModel, data: mujoco.MjData, *, known: KineticMetric | None = None) -> KineticMetric:
-    """Return the kinetic metric at the current frames; the known one if the mass matrix is the same."""
+    """Return the kinetic metric at the current frames, or the known one if the mass matrix is the same."""
     M = mass_matrix(model, data)
     if known is not None and not np.count_nonzero(np.abs(M - known.mass_matrix) > _SAME_INERTIA * np.abs(M)):
         return known

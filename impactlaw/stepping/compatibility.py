@@ -1,4 +1,4 @@
-"""Whether a scene and a law fit a way to step, and numbers an option: looked at when a stepper is made."""
+"""Checks that a scene and a law fit a way to step, and that options are valid, when a stepper is made."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from impactlaw.scene.joint_limits import Limits
 from impactlaw.scene.pairs import geom_pairs, one_contact
 from impactlaw.stepping.plan import Plan
 
-_LARGEST_FRICTION = 1e4  # boxes slide by a tenth farther at ten times that, and freely at 1e8
-_RESOLVED = 1e-15  # part of the size of the scene that gaps are rounded to
+_LARGEST_FRICTION = 1e4  # at ten times that boxes slide a tenth farther, and at 1e8 freely
+_RESOLVED = 1e-15  # rounding of gaps, relative to the size of the scene
 OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
-_NAMED = 5  # contacts that an error names
+_NAMED = 5  # largest number of contacts that an error names
 _OF_CONTACT = [
     int(getattr(mujoco.mjtSensor, f"mjSENS_{name}"))
     for name in (
@@ -31,17 +31,17 @@ _OF_CONTACT = [
         "TENDONLIMITPOS", "TENDONLIMITVEL", "TENDONLIMITFRC", "PLUGIN",
     )
 ]  # fmt: skip
-"""Kinds of sensors that MuJoCo reads off contacts and constraint rows of a step; plugins, such as touch grids, may."""
+"""Kinds of sensors that read contacts and constraint rows of a step; plugins, such as touch grids, may do so."""
 
 FRICTION = ("coulomb", "convex", "ignore")
-"""Options of friction: exact cones, their convex relaxation, none."""
+"""Options of friction: exact cones, their convex relaxation, no friction."""
 
 
 def check_model(model: object) -> None:
-    """Refuse what is no compiled scene.
+    """Refuse a model that is not a compiled scene.
 
     Raises:
-        SceneError: it is something else, such as the path of a file.
+        SceneError: the model is something else, such as the path of a file.
     """
     if not isinstance(model, mujoco.MjModel):
         raise SceneError(
@@ -66,16 +66,16 @@ def check_resolved(model: mujoco.MjModel, gap_tolerance: float) -> None:
 
 
 def _rounded_up(value: float) -> str:
-    """Return a positive number with one digit, no smaller than it is."""
+    """Return a positive number rounded up to one digit, as text."""
     text = f"{value:.0e}"
     return text if float(text) >= value else f"{float(text) + 10.0 ** math.floor(math.log10(value)):.0e}"
 
 
 def check_rigid(model: mujoco.MjModel) -> None:
-    """Refuse what rigid stepping would simulate wrongly.
+    """Refuse scenes that event-driven steps would simulate wrongly.
 
     Raises:
-        SceneError: flexes, adhesion, delays, geoms whose shape is a signed distance function.
+        SceneError: the scene has flexes, adhesion, delays, or geoms whose shape is a signed distance function.
     """
     check_time_stepping(model)
     meeting = geom_pairs(model).geoms
@@ -94,10 +94,10 @@ def check_rigid(model: mujoco.MjModel) -> None:
 
 
 def check_time_stepping(model: mujoco.MjModel) -> None:
-    """Refuse what no scheme of rigid stepping covers.
+    """Refuse scenes that no rigid scheme covers.
 
     Raises:
-        SceneError: flexes, delays.
+        SceneError: the scene has flexes or delays.
     """
     if model.nflex:
         raise SceneError('rigid stepping is between geoms only, but the scene has a flex; use contact_model="soft"')
@@ -109,13 +109,13 @@ def check_time_stepping(model: mujoco.MjModel) -> None:
 
 
 def check_scene_friction(model: mujoco.MjModel, plan: Plan) -> None:
-    """Refuse friction of rigid contacts that their steps do not use, or cannot resolve.
+    """Refuse friction of rigid contacts that rigid steps do not use or cannot resolve.
 
-    Cones scale rows of friction by their coefficients. Where these are too large, gaps are lost in the rounding of
-    friction, and what should stick slides or sinks in.
+    Rows of friction are scaled by the coefficients of their cones. If these are too large, gaps are lost in the
+    rounding of friction, and bodies that should stick slide or sink in.
 
     Raises:
-        SceneError: MuJoCo's override of contacts is on, or a coefficient is larger, or one is no number.
+        SceneError: MuJoCo's override of contacts is on, or a coefficient is too large or not finite.
     """
     check_override(model, plan)
     for name in ("geom_friction", "pair_friction"):
@@ -136,16 +136,19 @@ def check_scene_friction(model: mujoco.MjModel, plan: Plan) -> None:
 
 
 def check_override(model: mujoco.MjModel, plan: Plan) -> None:
-    """Refuse to step rigid contacts whose friction is that of MuJoCo's override.
+    """Refuse to step rigid contacts whose friction is set by MuJoCo's override.
 
-    Rigid steps use the override for themselves, to detect contacts, and read the friction of geoms and pairs.
+    Rigid steps use the override themselves, to detect contacts, and read the friction of geoms and pairs.
     """
     if plan.contact_model == "rigid" and plan.friction:
         refuse_override(model)
 
 
 def refuse_override(model: mujoco.MjModel) -> None:
-    """Refuse MuJoCo's override of contacts, which steps look for, too: it may be set after their stepper is made."""
+    """Refuse MuJoCo's override of contacts.
+
+    Steps check this, too, because the flag may be set after the stepper was made.
+    """
     if model.opt.enableflags & OVERRIDE:
         raise SceneError(
             'rigid steps do not use the friction that <flag override="enable"/> gives all contacts (o_friction); leave '
@@ -155,7 +158,7 @@ def refuse_override(model: mujoco.MjModel) -> None:
 
 
 def unread_sensors(model: mujoco.MjModel, plan: Plan) -> tuple[str, ...]:
-    """Return the names of sensors that event-driven steps leave without the forces of contacts, and limits, on them."""
+    """Return the names of sensors that event-driven steps leave without the forces of contacts and limits."""
     if not (plan.detection or plan.limits):
         return ()
     found = np.flatnonzero(np.isin(model.sensor_type, _OF_CONTACT)).tolist()
@@ -163,12 +166,12 @@ def unread_sensors(model: mujoco.MjModel, plan: Plan) -> tuple[str, ...]:
 
 
 def check_law(model: mujoco.MjModel, law: Law, chosen: Chosen | None = None) -> None:
-    """Refuse a law that no collision of the scene can be resolved by.
+    """Refuse a law that can resolve no collision of the scene.
 
     Raises:
-        UnknownNameError: it is keyed by contacts that the scene cannot have; names the nearest ones.
-        RestitutionError: it has more coefficients than the scene can have contacts, or none, or none for some of them
-            and no default, or maps other velocities.
+        UnknownNameError: the law is keyed by contacts that the scene cannot have. The message names the nearest ones.
+        RestitutionError: the law has more coefficients than the scene can have contacts, or no coefficients at all, or
+            no coefficient for some contacts and no default; or its linear map is for another number of velocities.
     """
     inner = law.normal_law
     used, size = inner.contact_labels, inner.contact_count
@@ -192,7 +195,7 @@ def check_law(model: mujoco.MjModel, law: Law, chosen: Chosen | None = None) -> 
 
 
 def _check_all_named(law: Law, known: tuple[str, ...]) -> None:
-    """Refuse a law that would end a run with the first collision of a contact that it does not name."""
+    """Refuse a law that lacks a contact of the scene, whose first collision would end the run."""
     if not isinstance(law, ContactCoefficients) or (law.default is not None and not law.has_patterns):
         return
     missing = sorted(canonical(label) for label in set(known) if law.named(label) is None)
@@ -206,7 +209,7 @@ def _check_all_named(law: Law, known: tuple[str, ...]) -> None:
 
 
 def most_contacts(model: mujoco.MjModel) -> float:
-    """Return how many contacts the scene can have at once, limits included; infinite where that is not known."""
+    """Return the largest number of contacts at once, limits included; infinite if it is not known."""
     geoms = geom_pairs(model).geoms
     if model.nflex or not one_contact(model, geoms).all():
         return math.inf
@@ -214,7 +217,7 @@ def most_contacts(model: mujoco.MjModel) -> float:
 
 
 def check_friction(law: Law, friction: str | None, solver: str | None = None) -> None:
-    """Refuse a law with friction where something else decides about friction, or about how its impulses are found."""
+    """Refuse a law with friction if an option contradicts its friction, or its own way to find impulses."""
     if isinstance(law, Routh) and solver not in (None, "auto"):
         raise RestitutionError(f"Routh's law finds its impulses itself: solver={solver!r} contradicts it; leave it out")
     if isinstance(law, Routh) and friction == "convex":
@@ -231,35 +234,35 @@ def check_friction(law: Law, friction: str | None, solver: str | None = None) ->
 
 
 def _is_number(value: object) -> bool:
-    """Return whether a value is a real number; True and False would count as 1 and 0."""
+    """Return whether a value is a real number; True and False are not."""
     return isinstance(value, numbers.Real) and not isinstance(value, bool)
 
 
 def check_speed(name: str, value: float | None) -> None:
-    """Refuse what is no speed.
+    """Refuse a value that is not a speed.
 
     Raises:
-        OptionError: not a number but a truth value, say; NaN, negative or infinite.
+        OptionError: the value is not a number (True and False are not), or is NaN, negative or infinite.
     """
     if value is not None and not (_is_number(value) and 0.0 <= float(value) < math.inf):
         raise OptionError(f"{name} must be a speed of 0 m/s or more, got {value!r}")
 
 
 def check_length(name: str, value: float | None) -> None:
-    """Refuse what is no length.
+    """Refuse a value that is not a length.
 
     Raises:
-        OptionError: not a number but a truth value, say; NaN, infinite, or not positive.
+        OptionError: the value is not a number (True and False are not), or is NaN, infinite or not positive.
     """
     if value is not None and not (_is_number(value) and 0.0 < float(value) < math.inf):
         raise OptionError(f"{name} must be a positive length in m, got {value!r}")
 
 
 def check_count(name: str, value: int | None) -> None:
-    """Refuse what is no count.
+    """Refuse a value that is not a count.
 
     Raises:
-        OptionError: not a whole number, or less than 1.
+        OptionError: the value is not a whole number, or is less than 1.
     """
     if isinstance(value, bool) or not (isinstance(value, numbers.Integral) and value >= 1):
         raise OptionError(f"{name} must be a whole number, 1 or more, got {value!r}")

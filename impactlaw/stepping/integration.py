@@ -1,4 +1,4 @@
-"""MuJoCo's own integrator with contacts switched off, over any duration, and the state that it starts from."""
+"""MuJoCo's own integrator without contacts, over any duration, and saving and restoring the state it starts from."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from impactlaw.errors import DivergenceError, SceneError, UnfinishedStepError
 from impactlaw.scene.options import BorrowedOptions
 
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
-_HUGE = mujoco.mjMAXVAL  # MuJoCo takes larger numbers for a mistake
+_HUGE = mujoco.mjMAXVAL  # MuJoCo treats larger numbers as a mistake
 _EULER, _RK4, _IMPLICIT = (int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("EULER", "RK4", "IMPLICIT"))
 _NO_DAMPER = int(mujoco.mjtDisableBit.mjDSBL_DAMPER)
 NO_DAMPING = int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP) | int(mujoco.mjtDisableBit.mjDSBL_DAMPER)
-"""Flags either of which keeps Euler's integrator from damping implicitly."""
-_ROUNDING = 1e-9  # part of the inertia of a joint up to which what damping adds is rounding
+"""Flags that each keep Euler's integrator from implicit damping."""
+_ROUNDING = 1e-9  # part of the inertia of a joint up to which added damping is rounding
 _INPUT = ("time", "qpos", "qvel", "act", "ctrl", "qfrc_applied", "xfrc_applied", "mocap_pos", "mocap_quat")
 
 
 def empty_state(model: mujoco.MjModel) -> np.ndarray:
-    """Return room for a state."""
+    """Return an empty array for a state."""
     return np.empty(mujoco.mj_stateSize(model, _STATE))
 
 
@@ -37,7 +37,7 @@ def save_state(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray | N
 
 def saved_qpos(model: mujoco.MjModel, state: np.ndarray) -> np.ndarray:
     """Return the positions in what `save_state` returned, (nq,)."""
-    return state[1 : 1 + model.nq]  # the time is first
+    return state[1 : 1 + model.nq]  # the time comes first
 
 
 def saved_qvel(model: mujoco.MjModel, state: np.ndarray) -> np.ndarray:
@@ -46,12 +46,12 @@ def saved_qvel(model: mujoco.MjModel, state: np.ndarray) -> np.ndarray:
 
 
 def restore_state(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray) -> None:
-    """Go back to what `save_state` returned."""
+    """Restore a state that `save_state` returned."""
     mujoco.mj_setState(model, data, state, _STATE)
 
 
 def check_input(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray) -> None:
-    """Refuse what MuJoCo would reset or ignore in silence.
+    """Refuse input that MuJoCo would reset or ignore silently.
 
     Raises:
         DivergenceError: a position, velocity, activation, control, applied force, pose of a mocap body, or the time is
@@ -67,13 +67,13 @@ def check_input(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray) -
 
 
 def check_timestep(timestep: float) -> None:
-    """Refuse what no step can advance by."""
+    """Refuse a timestep that is not positive or not finite."""
     if not 0.0 < timestep < inf:
         raise SceneError(f"the timestep must be positive, got {timestep:g} s")
 
 
 def is_huge(data: mujoco.MjData) -> bool:
-    """Return whether a position or velocity is not finite, or so large that MuJoCo takes it for a mistake."""
+    """Return whether a position or velocity is not finite, or so large that MuJoCo treats it as a mistake."""
     return not (mujoco.mju_norm(data.qpos) <= _HUGE and mujoco.mju_norm(data.qvel) <= _HUGE)
 
 
@@ -89,7 +89,7 @@ def advance(model: mujoco.MjModel, data: mujoco.MjData, options: BorrowedOptions
 
 
 def damps(model: mujoco.MjModel) -> bool:
-    """Return whether some joint has damping that MuJoCo's Euler integrator advances implicitly."""
+    """Return whether a joint has damping that MuJoCo's Euler integrator advances implicitly."""
     return bool(
         np.count_nonzero(model.dof_damping)
         or np.count_nonzero(model.dof_dampingpoly)
@@ -98,9 +98,9 @@ def damps(model: mujoco.MjModel) -> bool:
 
 
 def joint_inertia(model: mujoco.MjModel) -> np.ndarray | None:
-    """Return ``h D`` of the damping of joints, which the integrator adds to M in a timestep h, (nv,); None if nothing.
+    """Return ``h D`` of joint damping, which the integrator adds to M in a timestep h, (nv,); None if it adds nothing.
 
-    It is a part of `implicit_inertia` that the model alone tells.
+    This is the part of `implicit_inertia` that depends on the model only.
     """
     integrator = int(model.opt.integrator)
     off = model.opt.disableflags & (NO_DAMPING if integrator == _EULER else _NO_DAMPER)
@@ -112,24 +112,24 @@ def joint_inertia(model: mujoco.MjModel) -> np.ndarray | None:
 def implicit_inertia(
     model: mujoco.MjModel, data: mujoco.MjData, duration: float, inertia: np.ndarray
 ) -> np.ndarray | None:
-    """Return the diagonal of ``tau D``, which MuJoCo's last step has added to M, (nv,); None if it has added nothing.
+    """Return the diagonal of ``tau D``, which MuJoCo's last step added to M, (nv,); None if it added nothing.
 
-    Its integrators advance by ``(M + tau D)^-1``, where D are derivatives of forces by velocity: Euler those of what
-    damps joints, the implicit ones also those of tendons, servos and drag. Read is what that step has left in data: the
-    factor of the matrix, or D itself.
+    MuJoCo's integrators advance by ``(M + tau D)^-1``, where D are derivatives of forces by velocity: Euler includes
+    damping of joints, and the implicit integrators also include tendons, servos and drag. The result is computed from
+    what the step left in data: the factor of the matrix, or D itself.
 
     Args:
         model: the scene.
-        data: after `mj_step`.
-        duration: tau of that step, s.
-        inertia: the diagonal of its M, (nv,).
+        data: its state after `mj_step`.
+        duration: duration tau of that step, s.
+        inertia: the diagonal of M in that step, (nv,).
     """
     integrator, off = int(model.opt.integrator), model.opt.disableflags
     if integrator == _RK4 or (integrator == _EULER and (off & NO_DAMPING or not damps(model))):
         return None
     if integrator == _IMPLICIT:
         added = -duration * data.qDeriv[model.D_rowadr + model.D_diag]
-    elif not data.qHDiagInv.all():  # trees sleep, and have had no step
+    elif not data.qHDiagInv.all():  # sleeping trees have made no step
         added = duration * model.dof_damping
     else:
         diagonal = model.M_rowadr + model.M_rownnz - 1
@@ -142,14 +142,14 @@ def implicit_inertia(
 
 
 def locked_joints(model: mujoco.MjModel, added: np.ndarray | None, ratio: float) -> np.ndarray | None:
-    """Return which degrees of freedom damping all but locks in a timestep h, bool (nv,); None if it locks none.
+    """Return which degrees of freedom are all but locked by damping in a timestep h, bool (nv,); None if none are.
 
-    These are those with ``h D > ratio M``, M at the configuration in which the scene was compiled, and h D as
-    `implicit_inertia` has it.
+    These have ``h D > ratio M``, with M at the configuration in which the scene was compiled, and h D from
+    `implicit_inertia`.
 
     MuJoCo's semi-implicit integrators advance by ``(M + h D)^-1``, but an impulse moves bodies by ``M^-1``. Where
-    ``h D`` is many times M, what contact does to such a joint is gone after a step, and until then its damping is a
-    force that others answer to: friction, welds, and servos can feed a motion that way.
+    ``h D`` is many times M, the effect of contact on such a joint is gone after one step. Until then its damping is a
+    force to which friction, welds and servos respond, and these can feed a motion that way.
     """
     if added is None:
         return None
@@ -159,7 +159,7 @@ def locked_joints(model: mujoco.MjModel, added: np.ndarray | None, ratio: float)
 
 @contextmanager
 def has_room(data: mujoco.MjData) -> Iterator[None]:
-    """Give back all that MuJoCo has taken of its memory where that was not enough, and say so."""
+    """If MuJoCo's memory is too small, release all that it has taken and raise UnfinishedStepError."""
     try:
         yield
     except mujoco.FatalError as error:
