@@ -1,4 +1,4 @@
-"""A scene at the configuration of now: its frames, its inertia, and the factor of that, as they are needed."""
+"""The current configuration of a scene: frames, inertia and the factor of the inertia, computed when needed."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from impactlaw.stepping.integration import implicit_inertia, locked_joints, rest
 
 
 class Configuration:
-    """Model and data of a scene, and what an impulse does there.
+    """The model and data of a scene, and the effect of impulses at its configuration.
 
     MuJoCo factors ``M = L^T D L``, so that here ``R^T = D^1/2 L``: ``|R^T v|`` is the kinetic metric, and
-    ``Y = J R^-T`` has ``Y Y^T = G`` (`impactlaw.mechanics.kinetic_metric`). Frames, inertia and factor are those of
-    data.qpos, computed when they are first needed. M has what implicit damping (`damp`) and equality constraints
-    (`comply`) add to it.
+    ``Y = J R^-T`` has ``Y Y^T = G`` (`impactlaw.mechanics.kinetic_metric`). Frames, inertia and factor are those at
+    data.qpos, computed when they are first needed. M includes the terms that implicit damping (`damp`) and equality
+    constraints (`comply`) add to it.
 
     Attributes:
-        data: the state; to be given by `bind`.
+        data: the state, to be given by `bind`.
     """
 
     data: mujoco.MjData
@@ -32,10 +32,10 @@ class Configuration:
         self.model, self.surfaces = model, surfaces
         self._current = self._factored = False
         self._known: np.ndarray | None = None  # what implicit damping adds to the diagonal of M, (nv,) ...
-        self._phase: tuple[float, np.ndarray] | None = None  # ... or what tells it: duration and M of the phase
+        self._phase: tuple[float, np.ndarray] | None = None  # ... or its source: duration and M of the phase
         self._damping: np.ndarray | None = None  # D of the last phase, (nv,)
-        self._stiffness: np.ndarray | None = None  # to M by equality constraints that give way, (nv, nv)
-        self._root: np.ndarray | None = None  # of M with both, where there are such constraints, (nv, nv)
+        self._stiffness: np.ndarray | None = None  # what equality constraints that give way add to M, (nv, nv)
+        self._root: np.ndarray | None = None  # factor of M with both terms, if there are such constraints, (nv, nv)
         self._diagonal = model.M_rowadr + model.M_rownnz - 1
 
     def __getstate__(self) -> dict[str, Any]:
@@ -43,15 +43,15 @@ class Configuration:
         return {name: value for name, value in self.__dict__.items() if name != "data"}
 
     def bind(self, data: mujoco.MjData) -> None:
-        """Work on this data, whatever has happened to it."""
+        """Work on this data, which may have changed in any way."""
         self.data = data
         self._current = self._factored = False
         self._phase = self._known = self._stiffness = None
 
     def comply(self, stiffness: np.ndarray | None) -> None:
-        """Let M be ``M + J_eq^T D J_eq``: equality constraints answer to contact, and give way as MuJoCo's do.
+        """Replace M by ``M + J_eq^T D J_eq``: equality constraints respond to contact and give way, as MuJoCo's do.
 
-        If they were rigid here, one that moves against itself would do work on all that it joins. None is for M alone.
+        If they were rigid here, a constraint that is being violated would do work on all bodies that it joins.
 
         Args:
             stiffness: ``J_eq^T D J_eq``, (nv, nv); None for M alone.
@@ -59,15 +59,15 @@ class Configuration:
         self._stiffness, self._factored = stiffness, False
 
     def damp(self, duration: float) -> None:
-        """Let M be ``M + tau D`` for a phase of tau s, by which the integrator advances where it damps implicitly.
+        """Replace M by ``M + tau D`` for a phase of tau s, with which the integrator advances if it damps implicitly.
 
-        Contact that is held meanwhile acts within that integration. By M alone it would throw joints whose ``tau D`` is
-        larger than M, and the forces that the next phase feels would not settle.
+        Contact that is held during the phase acts within that integration. With M alone it would throw joints whose
+        ``tau D`` is larger than M, and the forces that the next phase feels would not settle.
         """
         self._phase, self._factored = (duration, self.data.M[self._diagonal]), False
 
     def _find_added(self) -> None:
-        """Find what implicit damping adds to M, from what the phase has left in data, before the next one."""
+        """Find what implicit damping adds to M, from what the phase left in data, before the next phase."""
         if self._phase is not None:
             duration, inertia = self._phase
             self._known, self._phase = implicit_inertia(self.model, self.data, duration, inertia), None
@@ -76,7 +76,7 @@ class Configuration:
 
     @property
     def _added(self) -> np.ndarray | None:
-        """What implicit damping adds to the diagonal of M, (nv,), or None: most phases never ask."""
+        """What implicit damping adds to the diagonal of M, (nv,), or None; computed when needed, which is rare."""
         self._find_added()
         return self._known
 
@@ -87,7 +87,7 @@ class Configuration:
         return locked_joints(self.model, added, ratio) is not None
 
     def refactor(self) -> None:
-        """Forget the factors of M: others were written over them."""
+        """Discard the factors of M, which were overwritten."""
         self._factored = False
 
     def save(self, state: np.ndarray | None = None) -> np.ndarray:
@@ -95,12 +95,12 @@ class Configuration:
         return save_state(self.model, self.data, state)
 
     def restore(self, state: np.ndarray) -> None:
-        """Go back to what `save` returned."""
+        """Restore a state that `save` returned."""
         restore_state(self.model, self.data, state)
         self._current = self._factored = False
 
     def update(self) -> None:
-        """Bring frames and inertia up to data.qpos, and surfaces that move by themselves to where they are now."""
+        """Compute frames and inertia at data.qpos, and move surfaces that move by themselves to their current place."""
         if self.surfaces is not None:
             self.surfaces.place(self.data)
         update_positions(self.model, self.data)
@@ -112,7 +112,7 @@ class Configuration:
             self.update()
 
     def shift(self, displacement: np.ndarray, *, qpos: np.ndarray | None = None) -> None:
-        """Move by a displacement, (nv,), from the configuration of now or from another one, (nq,)."""
+        """Move by a displacement, (nv,), from the current configuration or from another one, (nq,)."""
         moved = (self.data.qpos if qpos is None else qpos).copy()
         mujoco.mj_integratePos(self.model, moved, displacement, 1.0)
         self.data.qpos[:] = moved

@@ -17,46 +17,46 @@ from impactlaw.stepping.event_driven.location.travel import Frames
 
 
 class Rows(NamedTuple):
-    """Rows of the cone problem: contact by contact, the normal one first, then friction times its coefficients."""
+    """Rows of the cone problem: contact by contact, the normal row first, then friction times its coefficients."""
 
     contact: np.ndarray  # index of the contact of each row, int (n,)
     kind: np.ndarray  # 0 for the normal, 1 to 5 for friction, int (n,)
     jacobian: np.ndarray  # ``J``, (n, nv)
-    drift: np.ndarray  # what moving surfaces add to the velocities ``J v``, (n,)
+    drift: np.ndarray  # velocities of moving surfaces, to be added to ``J v``, (n,)
     whitened: np.ndarray  # ``J R^-T``, (n, nv)
 
     @property
     def sizes(self) -> np.ndarray:
-        """Rows of each contact that has any, int."""
+        """Number of rows of each contact that has rows, int."""
         sizes = np.bincount(self.contact, minlength=1)
         return sizes[sizes > 0]
 
     def velocity(self, velocity: np.ndarray) -> np.ndarray:
-        """Return the velocity of each row at a velocity of the scene, (nv,)."""
+        """Return the velocity of each row for a velocity of the scene, (nv,)."""
         return self.jacobian.dot(velocity) + self.drift
 
     def select(self, held: np.ndarray) -> Rows:
-        """Return the rows of some contacts, bool (h,)."""
+        """Return the rows of the given contacts, bool (h,)."""
         rows = np.flatnonzero(held[self.contact])
         return Rows(*(part[rows] for part in self))
 
 
 class ContactSet:
-    """Contacts near each other or closed, at one configuration.
+    """Contacts that are near or closed, at one configuration.
 
-    What is computed when it is first asked for must be asked for at that configuration: `tangents`, `rows`, `along`,
-    `whitened`, `yielding`, `lengths`, and what uses them.
+    `tangents`, `rows`, `along`, `whitened`, `yielding` and `lengths` are computed on first access, which must happen at
+    that configuration; so must the first call of anything that uses them.
 
     Attributes:
-        pattern: what their geoms say.
+        pattern: the properties of the contacts that follow from their geoms.
         contacts: the contacts.
         gap: their gaps, m, (h,).
         jacobian: gap gradients ``J``, (h, nv).
-        configuration: at which they are.
-        frames: of all geoms.
+        configuration: the configuration of the contacts.
+        frames: frames of all geoms.
         bilateral: gradients of equality constraints, which no impulse may violate, (m, nv); None if there are none.
-        drift: what surfaces that move add to contact velocities, m/s, (h,); None if there are none.
-        drift_before: the same in the step before; None if it is no other.
+        drift: contact velocities due to moving surfaces, m/s, (h,); None if there are none.
+        drift_before: the same in the step before; None if it is the same.
     """
 
     drift: np.ndarray | None = None
@@ -83,7 +83,7 @@ class ContactSet:
 
     @cached_property
     def tangents(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Gradients of friction, (k, nv), and what surfaces add to their velocities, (k,); None without friction."""
+        """Gradients of friction, (k, nv), and their velocities due to moving surfaces, (k,); None without friction."""
         if self.pattern.friction is None:
             return None
         self.configuration.refresh()
@@ -92,7 +92,7 @@ class ContactSet:
 
     @cached_property
     def rows(self) -> Rows:
-        """The normal rows and those of friction."""
+        """The normal rows and the friction rows."""
         friction, tangents = self.pattern.friction, self.tangents
         drift = np.zeros(len(self.contacts)) if self.drift is None else self.drift
         if friction is None or tangents is None:
@@ -104,7 +104,7 @@ class ContactSet:
         return Rows(friction.rows_contact, friction.rows_kind, J, drift, self.whiten(J))
 
     def closed(self, which: np.ndarray) -> Closed:
-        """Return some of the contacts, (k,) indices, as ones that may collide."""
+        """Return the chosen contacts, (k,) indices, as contacts that may collide."""
         drift, before = (None if w is None else w[which] for w in (self.drift, self.drift_before))
         pattern, friction = self.pattern.friction, None
         if self.tangents is not None and pattern is not None:
@@ -114,7 +114,7 @@ class ContactSet:
 
     @property
     def along(self) -> np.ndarray:
-        """Rows ``J'`` along which equality constraints let bodies be moved apart, (h, nv); J if there are none."""
+        """Rows ``J'`` along which equality constraints let bodies move apart, (h, nv); J if there are none."""
         along, _ = self._confined
         return along
 
@@ -126,11 +126,11 @@ class ContactSet:
 
     @cached_property
     def yielding(self) -> np.ndarray:
-        """``J R^-T``, (h, nv), where equality constraints give way as MuJoCo's do."""
+        """``J R^-T``, (h, nv), with equality constraints that give way as MuJoCo's do."""
         return self.whitened if self.bilateral is None else self.whiten(self.jacobian)
 
     def whiten(self, rows: np.ndarray) -> np.ndarray:
-        """Return rows whitened, (k, nv); 0 where equality constraints leave nothing of them."""
+        """Return whitened rows, (k, nv); a row that equality constraints fix completely becomes 0."""
         Y = self.configuration.whiten_gradients(rows)
         if self.bilateral is not None:
             Y[~self._constraints.project(Y).any(axis=1)] = 0.0
@@ -151,7 +151,7 @@ class ContactSet:
         return Bilateral.of(self.configuration.whiten_gradients(self.bilateral))
 
     def confine(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return other rows without what equality constraints fix, and the same whitened, (k, nv)."""
+        """Return other rows without the part that equality constraints fix, and the same whitened, (k, nv)."""
         Y = self.configuration.whiten_gradients(rows)
         if self.bilateral is None:
             return rows, Y

@@ -1,4 +1,4 @@
-"""Contacts at one time and how they move; the smooth phase from there; which contacts stay closed in it."""
+"""Contacts at one time and their motion; the smooth phase that starts there; which contacts stay closed in it."""
 
 from __future__ import annotations
 
@@ -17,38 +17,38 @@ CORRECTED = 1e-2
 """Part of the gap tolerance to which positions are corrected."""
 
 SILENT = 0.1
-"""Part of the velocity that crosses next to nothing in a timestep which is rounding, whatever the scene's own is."""
+"""Contact velocities below this part of `ContactState.still` count as rounding, even if rounding itself is smaller."""
 
-_ROUNDING = 1e-13  # of a contact velocity in the kinetic metric, relative to the velocity of the whole scene
-_STILL = 1e-3  # part of the gap tolerance that a velocity must cross in a timestep to be one
+_ROUNDING = 1e-13  # rounding of a contact velocity in the kinetic metric, relative to the velocity of the whole scene
+_STILL = 1e-3  # part of the gap tolerance that a contact must cross in a timestep to count as moving
 
 
 class ContactForces(NamedTuple):
-    """The forces with which a phase has held contacts with friction."""
+    """The forces that held contacts with friction in a phase."""
 
-    rows: Rows  # those of the contacts, at its end
+    rows: Rows  # rows of the contacts, at the end of the phase
     force: np.ndarray  # normal force, then friction divided by its coefficients, N or N m, (h, 6)
 
 
 class ContactState(NamedTuple):
-    """Contacts at one time, and how they move."""
+    """Contacts at one time, and their motion."""
 
-    contact_set: ContactSet  # the contacts that were detected, open ones included
-    closed: np.ndarray  # whose gap is at most the tolerance, bool (h,)
-    still: float  # contact velocity that crosses next to nothing in a timestep, m/s
+    contact_set: ContactSet  # the detected contacts, open ones included
+    closed: np.ndarray  # contacts with a gap of at most the tolerance, bool (h,)
+    still: float  # largest contact velocity that counts as still: it crosses almost no distance in a timestep, m/s
     velocity: np.ndarray  # qvel, (nv,)
     contact_velocity: np.ndarray  # ``gamma``, m/s, (h,)
     noise: np.ndarray  # size of the rounding errors of gamma, m/s, (h,)
     quiet: bool  # whether all contacts are closed, and neither move nor need a correction of position
-    active: np.ndarray | None = None  # contacts that the last phase had to hold, bool (h,); None if there were none
-    # the forces with which it held them where there is friction; None if there were none
+    active: np.ndarray | None = None  # contacts that the last phase had to hold, bool (h,); None if there was no phase
+    # forces with which the phase held them if there is friction; None if there were none
     contact_forces: ContactForces | None = None
-    # that these contacts exert on all degrees of freedom, N or N m, (nv,); None if it is not known
+    # generalized force of these contacts, N or N m, (nv,); None if it is not known
     force: np.ndarray | None = None
 
     @classmethod
     def of(cls, contact_set: ContactSet, *, tolerance: float, timestep: float) -> ContactState:
-        """Return the contacts of now with the velocities of now."""
+        """Return the current contacts with the current velocities."""
         gap = contact_set.gap
         closed = gap <= tolerance
         still = _STILL * tolerance / timestep
@@ -64,22 +64,22 @@ class ContactState(NamedTuple):
         contact_forces: ContactForces | None = None,
         force: np.ndarray | None = None,
     ) -> ContactState:
-        """Return the same contacts with the velocities of now."""
+        """Return the same contacts with the current velocities."""
         velocity, gamma, noise, _ = _motion(self.contact_set, SILENT * self.still)
         motion = velocity, gamma, noise, False
-        if self._may_jump(active):  # and forces with them
+        if self._may_jump(active):  # and forces may jump with the points
             force = None
         return ContactState(self.contact_set, self.closed, self.still, *motion, active, contact_forces, force)
 
     def _may_jump(self, active: np.ndarray | None) -> bool:
-        """Return whether points of contacts that are held may jump on common faces; one on a rim runs along it."""
+        """Return whether points of held contacts may jump on common faces; the point on a rim runs along it instead."""
         vague = self.pattern.vague if active is None else self.pattern.vague & active
         key = self.pattern.key[vague]
         return bool(np.count_nonzero(vague & ~self.pattern.rolling)) or len(np.unique(key)) < len(key)
 
     @property
     def configuration(self) -> Configuration:
-        """The configuration that the contacts are of."""
+        """The configuration of the contacts."""
         return self.contact_set.configuration
 
     @property
@@ -109,7 +109,7 @@ class ContactState(NamedTuple):
 
     @property
     def rounding(self) -> np.ndarray:
-        """Contact velocities below which there is no telling motion from rounding, m/s, (h,)."""
+        """Contact velocities below which motion cannot be distinguished from rounding, m/s, (h,)."""
         return np.maximum(self.noise, self.still)
 
     @property
@@ -119,7 +119,7 @@ class ContactState(NamedTuple):
 
 
 def _motion(contact_set: ContactSet, silent: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
-    """Return v, gamma, its noise, and whether gamma is all noise."""
+    """Return v, gamma, the noise of gamma, and whether gamma is only noise."""
     configuration = contact_set.configuration
     velocity = configuration.data.qvel.copy()
     gamma = contact_set.contact_velocity(velocity)
@@ -130,22 +130,22 @@ def _motion(contact_set: ContactSet, silent: float) -> tuple[np.ndarray, np.ndar
 class Phase(NamedTuple):
     """A smooth phase that has been tried."""
 
-    start: ContactState  # where it began
+    start: ContactState  # contacts at the start
     duration: float  # s
     tolerance: float  # gap up to which a contact is closed, m
     travel: Travel  # measures how far geoms have moved
-    work: Work  # counts what the step has taken
-    hold_all: bool = False  # whether every contact that is closed at its end is held there (time stepping)
-    smooth: bool = False  # whether it is known that contacts between faces have moved smoothly, however far
+    work: Work  # counts the work of the step
+    hold_all: bool = False  # whether every contact that is closed at the end is held there (time stepping)
+    smooth: bool = False  # whether contacts between faces are known to have moved smoothly, however far
     exact: bool = True  # whether friction is exact, or its convex relaxation
 
 
 class PhaseEnd(NamedTuple):
     """The contacts at the end of a phase."""
 
-    now: ContactState  # those contacts, and how they move now
+    now: ContactState  # the contacts at the end, and their motion
     known: np.ndarray  # index of the same contact at the start, or -1, int (h,)
-    sustained: np.ndarray  # which ones stay closed, bool (h,)
+    sustained: np.ndarray  # contacts that stay closed, bool (h,)
 
     @property
     def contact_set(self) -> ContactSet:
@@ -154,12 +154,12 @@ class PhaseEnd(NamedTuple):
 
     @property
     def gap(self) -> np.ndarray:
-        """Their gaps, m, (h,)."""
+        """Gaps of the contacts, m, (h,)."""
         return self.now.gap
 
 
 def stays(gap: np.ndarray, known: np.ndarray, phase: Phase) -> np.ndarray:
-    """Return which contacts are sustained if they end the phase with these gaps, bool (h,)."""
+    """Return which contacts are sustained if the phase ends with these gaps, bool (h,)."""
     if phase.hold_all:
         return gap <= phase.tolerance
     start, tau = phase.start, phase.duration

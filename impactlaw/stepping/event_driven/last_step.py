@@ -1,4 +1,4 @@
-"""What a step has left for the next one: contacts that need no other look, and a shortcut through it."""
+"""What a step leaves for the next one: contacts that need not be looked at again, and a possible shortcut."""
 
 from __future__ import annotations
 
@@ -13,53 +13,54 @@ from impactlaw.stepping.plan import Plan
 
 
 class _Left(NamedTuple):
-    """What contacts depend on, as a step has left it."""
+    """The state that contacts depend on, as the last step has left it."""
 
     qpos: bytes  # position, as bytes
     qvel: bytes  # velocity, as bytes
     timestep: float  # s
     disabled: int  # flags of the options
-    equalities: bytes  # which equality constraints are on, as bytes
+    equalities: bytes  # which equality constraints are active, as bytes
 
 
 class LastStep:
-    """The end of the last step; nothing before the first."""
+    """The end of the last step; empty before the first step."""
 
     def __init__(self, phases: SmoothPhases, plan: Plan):
         self._phases, self._plan = phases, plan
         self._left: _Left | None = None
         self._contacts: ContactState | None = None
         self._shortcut: Shortcut | None = None
-        self._restless = False  # whether the rest found last did not last a step
+        self._restless = False  # whether the last rest that was found did not last for a step
 
     def end(self, state: np.ndarray, contacts: ContactState, *, collided: bool) -> None:
-        """Keep the contacts of now, at the end of a step that began in a saved state."""
+        """Store the current contacts, at the end of a step that began in a saved state."""
         self._left, self._contacts = self._now(), contacts
         self._shortcut = self._find_shortcut(state, contacts, collided)
 
     def end_otherwise(self) -> None:
-        """Keep the configuration of now, to which another way to step has led."""
+        """Store the current configuration, which another way to step has reached."""
         self._left, self._contacts, self._shortcut = self._now(), None, None
 
     def forget(self) -> None:
-        """Let the next step look at the contacts of now."""
+        """Make the next step look at its contacts."""
         self._contacts = self._shortcut = None
 
     def contacts(self) -> ContactState | None:
-        """Return the contacts of now if nothing has changed since the last step; None otherwise."""
+        """Return the current contacts if nothing has changed since the last step, else None."""
         surfaces = self._phases.surfaces
         goes_on = surfaces is None or surfaces.goes_on
         return self._contacts if self._contacts is not None and goes_on and self._left == self._now() else None
 
     def is_here(self) -> bool:
-        """Return whether the same contacts are near, and no other, as the last step has left it."""
+        """Return whether the configuration is that at the end of the last step, so that the same contacts are near."""
         now, left = self._phases.configuration.data.qpos.tobytes(), self._left
         return left is not None and left.qpos == now and left.disabled == self._phases.options.disabled
 
     def take_shortcut(self, state: np.ndarray) -> bool:
-        """Take a step from a saved state, that of now, by the shortcut that was found; return whether it lasts.
+        """Take a step from the current state, which is saved, by the shortcut that was found; return whether it lasts.
 
-        Velocities may have been changed: those at the end decide. The state is as it was if it does not last.
+        Velocities may have been changed meanwhile: the shortcut is judged by those at the end. If it does not last, the
+        state is restored.
         """
         shortcut, self._shortcut = self._shortcut, None
         if shortcut is None or not self.is_here():
@@ -75,7 +76,7 @@ class LastStep:
         return True
 
     def _find_shortcut(self, state: np.ndarray, contacts: ContactState, collided: bool) -> Shortcut | None:
-        """Return what the next step may find as this one has left it."""
+        """Return a shortcut that the next step may try, given how this step ended."""
         if not contacts.pattern:
             return Apart(self._phases.frames())
         if collided or not self._plan.rest:

@@ -1,4 +1,4 @@
-"""Which contacts at the end of a smooth phase are those at its start."""
+"""Match the contacts at the end of a smooth phase with those at its start."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from impactlaw.stepping.event_driven.contact_set import ContactSet
 from impactlaw.stepping.event_driven.contact_state import ContactState, Phase, PhaseEnd
 from impactlaw.stepping.event_driven.location.travel import Frames
 
-_SAME_POINT = 1e3  # gap tolerances that a contact point may move more than the geoms
-_SMOOTH = 0.1  # part of its bend by which a smooth gap may miss a quarter of it after half of the phase
-_LAST = 1e9  # m: puts contacts that separate behind those that do not
+_SAME_POINT = 1e3  # distance that a contact point may move beyond the motion of the geoms, in gap tolerances
+_SMOOTH = 0.1  # largest deviation of a smooth gap from a quarter of its bend halfway, relative to the bend
+_LAST = 1e9  # m: sorts contacts that separate behind the others
 
 
 class Matched(NamedTuple):
-    """Contacts that were looked at, and those at the start of the phase that they continue, int (h,), -1 for none."""
+    """Contacts that were looked at, and which contacts at the start they continue, int (h,), or -1."""
 
     now: ContactState
     known: np.ndarray
 
     def continues(self, held: np.ndarray) -> bool:
-        """Return whether contacts at the start, indices, are all continued, those on common faces by one contact each.
+        """Return whether all given contacts at the start, indices, are continued, on common faces by one contact each.
 
         Both rims of a foil are next to each other, and only one of them can be the contact that was held.
         """
@@ -33,29 +33,30 @@ class Matched(NamedTuple):
 
 
 class Continued(NamedTuple):
-    """How the gap of a contact that continues another one has changed."""
+    """The change of a gap of a contact that continues another one."""
 
     begun: float  # gap at the start of the phase, m
-    led: float  # by how much its velocity at the start alone changes it in the phase, m
-    gap: float  # at the end, m
+    led: float  # change of the gap in the phase at the velocity of the start, m
+    gap: float  # gap at the end, m
 
     def is_smooth(self, half: float) -> bool:
-        """Return whether the gap has bent as that of a smooth surface, ``t^2``, which halfway was ``half``, m."""
+        """Return whether the gap, ``half`` m halfway, has bent as that of a smooth surface does, like ``t^2``."""
         bent = self.gap - self.begun - self.led
         return abs(half - self.begun - 0.5 * self.led - 0.25 * bent) <= _SMOOTH * abs(bent)
 
     def to_half(self, half: float) -> Continued:
-        """Return how the gap has changed in the first half of the phase, at the end of which it was ``half``, m."""
+        """Return the change of the gap in the first half of the phase, at the end of which it was ``half``, m."""
         return Continued(self.begun, 0.5 * self.led, half)
 
 
 def match(contact_set: ContactSet, phase: Phase) -> np.ndarray:
     """Return for each contact at the end of a phase the index of the same contact at its start, or -1, int (h,).
 
-    The same contact is of the same two geoms and has moved, seen from one of them, no further than they have travelled.
-    If the two never have more than one contact, it is the same one anyway. If they touch somewhere in common faces, it
-    continues the nearest contact that was closed if, at the start, it approached no faster than the phase has changed
-    its velocity (an impact so slow is over within the phase), or if the phase is known to be smooth.
+    The same contact is between the same two geoms, and its point, seen from one of them, has moved no further than they
+    have travelled. If the two geoms never have more than one contact, it is the same contact in any case. If they touch
+    anywhere in common faces, the contact continues the nearest closed contact under one of two conditions: the phase is
+    known to be smooth, or that contact approached at the start no faster than the phase has changed the contact's
+    velocity (so slow an impact is over within the phase).
     """
     before, now = phase.start.pattern, contact_set.pattern
     if not before or not now:
@@ -67,7 +68,7 @@ def match(contact_set: ContactSet, phase: Phase) -> np.ndarray:
 
 
 def refound(known: np.ndarray, held: np.ndarray, contact_set: ContactSet, phase: Phase) -> np.ndarray:
-    """Return indices as in `match` in which no contact that is held is missing where one in common faces may be it.
+    """Return the indices of `match`, with missing held contacts assigned to contacts on a rim of the same geoms.
 
     A correction of position can move a contact point further than the bodies, as on the rim of a coin.
     """
@@ -85,9 +86,9 @@ def refound(known: np.ndarray, held: np.ndarray, contact_set: ContactSet, phase:
 
 
 def continued(phase_end: PhaseEnd, phase: Phase, deepest: int, gap: float) -> Continued | None:
-    """Return how a contact has come to its gap if it continues one in another place of common faces; else None.
+    """Return the change of a gap if the contact continues one in another place of common faces; else None.
 
-    That one was closed and did not separate, or so slowly that its rebound rises less than the gap tolerance.
+    That contact was closed and did not separate, or so slowly that its rebound rises less than the gap tolerance.
     """
     start, pattern, tau = phase.start, phase_end.now.pattern, phase.duration
     if phase_end.known[deepest] >= 0 or not pattern.vague[deepest]:
@@ -132,7 +133,8 @@ def _match_points(contact_set: ContactSet, phase: Phase) -> np.ndarray:
 def runs_on(half: PhaseEnd, end: PhaseEnd, phase: Phase, deepest: int) -> bool:
     """Return whether a contact at the end is one that is held after half of the phase, and has run on as before.
 
-    That is ``|p(tau) - p(tau / 2)| <= 2 |p(tau / 2) - p(0)|`` for the contact point p, m; another edge is further away.
+    The condition is ``|p(tau) - p(tau / 2)| <= 2 |p(tau / 2) - p(0)|`` for the contact point p, m. Another edge would
+    be further away.
     """
     pattern = end.now.pattern
     held = np.flatnonzero(half.sustained & (half.now.pattern.key == pattern.key[deepest]))
@@ -144,7 +146,7 @@ def runs_on(half: PhaseEnd, end: PhaseEnd, phase: Phase, deepest: int) -> bool:
 
 
 def _moved(contacts: Contacts, before: Contacts, frames: Frames, data: mujoco.MjData) -> np.ndarray:
-    """Distances of contact points from earlier ones, seen from that of the two geoms for which they are smaller."""
+    """Return distances between current and earlier contact points, seen from the geom for which they are smaller."""
     distances = []
     for geom, earlier in zip(contacts.geoms.T, before.geoms.T, strict=True):
         turn, turn_before = data.geom_xmat[geom].reshape(-1, 3, 3), frames.rotation[earlier].reshape(-1, 3, 3)

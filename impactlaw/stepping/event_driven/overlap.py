@@ -1,14 +1,14 @@
-"""Geoms that overlap, and joints and tendons beyond limits, at the start of rigid stepping: refused or pushed out.
+"""Refuse or push out overlapping geoms, and joints and tendons beyond limits, at the start of rigid stepping.
 
-Rigid contacts never overlap by themselves; what does was put there from outside, by a reset or by hand. To push it out
-is to move the configuration q once, by the smallest shift d in the kinetic metric that opens all gaps,
+Rigid contacts never overlap by themselves; an overlap was set from outside, by a reset or by hand. To push it out means
+to move the configuration q once, by the smallest shift d in the kinetic metric that opens all gaps,
 
-    min d^T M d,   gap(q + d) >= 0,
+    min d^T M d,   gap(q + d) >= 0.
 
-found by Gauss-Newton on the gaps, with M at the configuration that was reached; where contacts jump between points of
-faces and that does not settle, what still overlaps is opened by the smallest shift from there. Bodies share a shift by
-their inertia, as they would an impulse; equality constraints keep, to first order, the violation that they have.
-Velocities stay.
+It is found by Gauss-Newton on the gaps, with M at the configuration that was reached. If contacts jump between points
+of faces, so that the iteration does not settle, the remaining overlap is opened by the smallest shift from there.
+Bodies share a shift by their inertia, as they would share an impulse. Equality constraints keep their violation to
+first order. Velocities stay the same.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ from impactlaw.stepping.event_driven.contact_set import ContactSet
 from impactlaw.stepping.event_driven.contact_state import CORRECTED, ContactState
 from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 
-_SHIFTS = 100  # corrections of the shift at most
-_SMALLEST = 40  # of them that look for the smallest one; those after them only open what still overlaps
-_SETTLED = 1e-6  # part of the shift by which a last correction would still change it
-_NAMED = 5  # overlaps that an error names
+_SHIFTS = 100  # largest number of corrections of the shift
+_SMALLEST = 40  # number of corrections that look for the smallest shift; the others only open the remaining overlap
+_SETTLED = 1e-6  # change of the shift by a correction, relative to the shift, below which it has settled
+_NAMED = 5  # number of overlaps that an error names
 _SINGLE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
-_ROUNDED = int(mujoco.mjtGeom.mjGEOM_MESH), int(mujoco.mjtGeom.mjGEOM_HFIELD)  # whose points have single precision
-_ROUNDING = 2.0**-24  # of them, next to their size
+_ROUNDED = int(mujoco.mjtGeom.mjGEOM_MESH), int(mujoco.mjtGeom.mjGEOM_HFIELD)  # their points have single precision
+_ROUNDING = 2.0**-24  # rounding of these points, relative to the size of the geom
 
 
 def clearance(contact_set: ContactSet) -> np.ndarray:
-    """Return the distances of surfaces, without the skin of those that count as touching before they do, (h,)."""
+    """Return the distances of surfaces, (h,): the gaps plus the skin within which contacts count as touching."""
     gap, skin = contact_set.gap, contact_set.pattern.skin
     return gap if skin is None else gap + skin
 
 
 def _allowed(contact_set: ContactSet, tolerance: float) -> np.ndarray | float:
-    """Return which overlaps are none, m or rad, (h,): up to the gap tolerance, and to what rounding makes of meshes."""
+    """Return the largest depth that is no overlap, m or rad, (h,): the gap tolerance plus the rounding of meshes."""
     model, geoms = contact_set.configuration.model, contact_set.contacts.geoms
     if not model.nmesh and not model.nhfield:
         return tolerance
@@ -48,12 +48,12 @@ def _allowed(contact_set: ContactSet, tolerance: float) -> np.ndarray | float:
 
 
 def overlaps(contact_set: ContactSet, tolerance: float) -> bool:
-    """Return whether something overlaps by more than the gap tolerance, m or rad, but for rounding of meshes."""
+    """Return whether a contact overlaps by more than the gap tolerance, m or rad, and the rounding of meshes."""
     return bool(np.count_nonzero(clearance(contact_set) < -_allowed(contact_set, tolerance)))
 
 
 def refuse(contact_set: ContactSet, tolerance: float, reason: str) -> OverlapError:
-    """Return the error that names what overlaps, the deepest first."""
+    """Return the error that names the overlaps, the deepest first."""
     contacts, depth = contact_set.contacts, -clearance(contact_set)
     deep = np.flatnonzero(depth > _allowed(contact_set, tolerance))
     deep = deep[np.argsort(-depth[deep])]
@@ -65,11 +65,11 @@ def refuse(contact_set: ContactSet, tolerance: float, reason: str) -> OverlapErr
 def push_out(phases: SmoothPhases, start: ContactState) -> ContactState:
     """Move the scene by the smallest shift that opens all gaps; return the contacts after it.
 
-    Where none is found, joints that are beyond their limits are put back to these, if that opens all gaps.
+    If none is found, joints beyond their limits are put back to their limits, if that opens all gaps.
 
     Raises:
         OverlapError: bodies are squeezed: no shift opens all gaps, or none was found. data.qpos may have changed.
-        UnfinishedStepError: looking for one takes too much work.
+        UnfinishedStepError: looking for a shift takes too much work.
     """
     configuration = phases.configuration
     qpos = configuration.data.qpos.copy()
@@ -85,7 +85,7 @@ def push_out(phases: SmoothPhases, start: ContactState) -> ContactState:
 
 
 def _put_back(configuration: Configuration) -> None:
-    """Put hinges and slides that are beyond their limits back to these."""
+    """Put hinges and slides that are beyond their limits back to the limits."""
     model, qpos = configuration.model, configuration.data.qpos
     joints = np.flatnonzero(model.jnt_limited & np.isin(model.jnt_type, _SINGLE))
     where, (low, high) = model.jnt_qposadr[joints], model.jnt_range[joints].T
@@ -94,7 +94,7 @@ def _put_back(configuration: Configuration) -> None:
 
 
 def _smallest_shift(phases: SmoothPhases, start: ContactState) -> ContactState:
-    """Push bodies out of each other, see `push_out`, by Gauss-Newton on the gaps."""
+    """Find and apply the smallest shift, see `push_out`, by Gauss-Newton on the gaps."""
     configuration, nv = phases.configuration, phases.configuration.model.nv
     qpos, reach = configuration.data.qpos.copy(), 2.0 * float(-start.gap.min())
     now, shift, allowed = phases.look(reach), np.zeros(nv), CORRECTED * phases.tolerance
@@ -102,7 +102,7 @@ def _smallest_shift(phases: SmoothPhases, start: ContactState) -> ContactState:
         phases.work.look(len(now.gap))
         phases.work.hold(len(now.gap))
         contact_set, gap, last = now.contact_set, now.gap, correction >= _SMALLEST
-        if not len(gap) or (last and gap.min() >= -allowed):  # or pushed out further than contacts are sought
+        if not len(gap) or (last and gap.min() >= -allowed):  # or pushed out further than contacts are looked for
             return now
         if last:
             qpos, shift = configuration.data.qpos.copy(), np.zeros(nv)
@@ -124,6 +124,6 @@ def _smallest_shift(phases: SmoothPhases, start: ContactState) -> ContactState:
 
 
 def _shift(contact_set: ContactSet, least: np.ndarray) -> np.ndarray:
-    """Return the shift d of least ``d^T M d`` with ``J d >= least``, (nv,)."""
+    """Return the shift d with ``J d >= least`` and smallest ``d^T M d``, (nv,)."""
     solution = solve_with_jump(Problem(contact_set.whitened, least), ("",) * len(least), shared=False)
     return contact_set.configuration.jump(contact_set.along, solution.impulse)

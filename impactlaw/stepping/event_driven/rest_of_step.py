@@ -1,4 +1,4 @@
-"""What event-driven stepping leaves undone of a step is done by time stepping, under the same law and friction."""
+"""Finish steps that event-driven stepping cannot, by time stepping under the same law and friction."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ if TYPE_CHECKING:
     from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
 _LONGEST_WAIT = 128
-_PATIENCE = 4  # as many steps are waited as this goes into the wait, which doubles
-_PARTS = 64  # into which what remains of a step is cut at most
+_PATIENCE = 4  # the number of steps to wait is the wait divided by this; the wait doubles
+_PARTS = 64  # largest number of parts into which the rest of a step is cut
 
 
 class RestOfStep:
-    """Takes what remains of steps; after several that were not finished, all of the next, twice as many every time.
+    """Takes the rest of steps by time stepping; after repeated failures also whole steps, twice as many each time.
 
-    Nothing is to raise here: where `Stepper` is to raise for inadmissible outcomes, they are projected.
+    It never raises for a law: where `Stepper` would raise for inadmissible outcomes, they are projected.
 
-    Time stepping looks for contacts in the middle of a step, and knows of no half step before its first one. Where a
-    body would be behind another by then, or deep in it, what remains is taken in equal parts. Steps no longer than the
-    part before, from where that has ended, go on from its middle.
+    Time stepping looks for contacts in the middle of a step, and knows no half step before its first one. If a body
+    would by then be behind another or deep in it, the rest is cut into equal parts. If a step starts where the last
+    part ended and is no longer than that part, it is not cut: it continues from the middle of that part.
 
     Attributes:
-        short_steps: steps so far that have not met the law.
+        short_steps: number of steps so far that have not met the law.
     """
 
     def __init__(
@@ -49,31 +49,31 @@ class RestOfStep:
         self._passing: Passing | None = None
         self._wait = self._left = 0
         self._ended: tuple[bytes, bytes] = b"", b""
-        self._part = 0.0  # duration of the last one, s
+        self._part = 0.0  # duration of the last part, s
         self.short_steps = 0
 
     def set_law(self, law: Law) -> None:
-        """Let what follows be under another law."""
+        """Use another law from now on."""
         self._law = law
         if self._stepping is not None:
             self._stepping.set_law(law)
 
     def waits(self) -> bool:
-        """Return whether the next step is to be time stepped from its start; to be asked once a step."""
+        """Return whether the next step is to be time stepped from its start; to be called once per step."""
         self._left -= 1
         return self._left >= 0
 
     def failed(self) -> None:
-        """Note that a step was not finished."""
+        """Note that event-driven stepping could not finish a step."""
         self._wait = min(max(1, 2 * self._wait), _LONGEST_WAIT)
         self._left = self._wait // _PATIENCE
 
     def succeeded(self) -> None:
-        """Note that a step needed nothing of this."""
+        """Note that event-driven stepping finished a step."""
         self._wait //= 2
 
     def take(self, data: mujoco.MjData, remaining: float, surfaces: Surfaces | None) -> Told:
-        """Advance by what remains of a step, s; return what tells the collisions."""
+        """Advance by the rest of a step, s; return the collisions, or a function that returns them."""
         stepping, passing = self._made()
         option, before = self._model.opt, stepping.short_steps
         if surfaces is not None:
@@ -95,7 +95,7 @@ class RestOfStep:
         return together([part for part in told if part])
 
     def _made(self) -> tuple[TimeStepping, Passing]:
-        """Return the stepper, and what knows how far it may go; what it compiles is loaded when it is first needed."""
+        """Return the stepping and the check of how far it may go, made on first use since they load compiled code."""
         if self._stepping is None or self._passing is None:
             from impactlaw.stepping.time_stepping.make import warm_up
             from impactlaw.stepping.time_stepping.scheme import TimeStepping
@@ -116,7 +116,7 @@ class RestOfStep:
 
 
 def _advance(stepping: TimeStepping, data: mujoco.MjData, surfaces: Surfaces | None, *, last: bool) -> Told:
-    """Advance by the timestep of the model; surfaces go where they are then."""
+    """Advance by the model's timestep; surfaces move to where they are at its end."""
     if surfaces is not None and last:
         surfaces.aim(data)
     elif surfaces is not None:

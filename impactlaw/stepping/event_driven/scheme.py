@@ -1,22 +1,25 @@
-"""Rigid stepping: collisions by a chosen law at located times, smooth phases between them.
+"""Rigid stepping: collisions by a chosen law at located times, and smooth phases between them.
 
-A step whose contacts need no more than one look is taken by a shortcut (`last_step`). Any other of duration h, from a
-state in which no gap is below minus the tolerance (`overlap`):
+A step whose contacts need no more than one look is taken by a shortcut (`last_step`). Any other step of duration h
+starts from a state in which no gap is below minus the tolerance (`overlap`):
 
-1. Closed contacts (gap <= tolerance) that approach collide: the law gives v+, again and again until none approaches
-   (`collisions.Collider`).
-2. MuJoCo's integrator advances what remains of the step without contacts. This smooth phase is shortened where bodies
-   travel further than they are thick (`travel.Travel`).
+1. Closed contacts (gap <= tolerance) that approach collide. The law gives v+, and is applied again until no closed
+   contact approaches (`collisions.Collider`).
+2. MuJoCo's integrator advances the rest of the step without contacts. This smooth phase is shortened if bodies travel
+   further than they are thick (`travel.Travel`).
 3. Contacts that stay closed are held closed (`persistent_contact`).
-4. If another gap fell below minus the tolerance, the phase is repeated up to the time at which it closes, found by a
-   bracketed search on the smallest gap; then again from 1. So it is for a gap that was negative only within the phase
-   (`location.dips`). (2 to 4: `smooth_phase`) A gap that has jumped below minus
-   the tolerance, as between points of faces, is opened by the smallest shift (`overlap.push_out`).
-5. More than max_events collisions in one step: E = 0 on every closed contact, and phases for the rest of the step at
-   whose end every closed contact is held. That ends a collapse, in which ever smaller collisions follow each other. If
-   it would cost energy, if no impulses are certified, if contact is not held, if contact points jump, or if the step
-   takes too much work (`work`), time stepping takes the rest of the step instead (`rest_of_step`), from the last phase
-   on; all of the step where many collisions are the reason, in the middle of which energy is anywhere.
+4. If another gap fell below minus the tolerance, the phase is repeated up to the time at which that gap closes, found
+   by a bracketed search on the smallest gap; then the step continues at 1. The same is done for a gap that was negative
+   only within the phase (`location.dips`). Steps 2 to 4 are in `smooth_phase`. A gap that has jumped below minus the
+   tolerance, as between points of faces, is opened by the smallest shift (`overlap.push_out`).
+5. After more than max_events collisions in one step, E = 0 is applied to every closed contact, and the rest of the step
+   is taken in phases that hold every contact that is closed at their end. This ends a collapse, that is, a sequence of
+   ever smaller collisions.
+
+Time stepping takes the rest of the step instead (`rest_of_step`), starting with the last phase, if E = 0 would cost
+energy, no impulses are certified, contact is not held, contact points jump, or the step takes too much work (`work`).
+It takes the whole step if the reason is the number of collisions, since the energy amid them may be distributed in any
+way.
 """
 
 from __future__ import annotations
@@ -52,21 +55,21 @@ from impactlaw.stepping.integration import check_input, empty_state, has_room
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.work import Work
 
-_JUMPS = 5  # phases of no length, each ended by another contact that closes without a collision: points that jump
-_INSTANT = 1e-4  # part of the timestep that such a phase lasts
-_WORK = 120  # units that a step may take at least, whatever max_events is
-_LOCKED = 1e2  # h D / M of joints beside which contact is not held
-_DEEP = 1e3  # gap tolerances by which contact that is held overlaps at most
-_OPENING = 0.15  # part of the work of a step that it may take to open them
-_SLIGHT = 1e6  # gap tolerances by which time stepping may leave bodies overlapping that are opened at once
-_FAR = 1e3  # depths of an overlap by which bodies may be moved to open it
-_MANY = 0.5  # part of max_events that are many collisions, if they keep a step from being finished
+_JUMPS = 5  # phases of almost no length, each ended by a contact that closes without a collision: points jump
+_INSTANT = 1e-4  # part of the timestep below which a phase counts as such
+_WORK = 120  # number of units that a step may take at least, whatever max_events is
+_LOCKED = 1e2  # ratio h D / M of joint damping to inertia above which contact is not held
+_DEEP = 1e3  # largest overlap of held contacts, in gap tolerances
+_OPENING = 0.15  # part of the work of a step that opening slight overlaps may take
+_SLIGHT = 1e6  # largest overlap left by time stepping that is opened at once, in gap tolerances
+_FAR = 1e3  # largest distance by which bodies may be moved to open an overlap, in depths of the overlap
+_MANY = 0.5  # part of max_events above which collisions count as many, if the step cannot be finished
 _ENDED = 1e-6  # part of the kinetic energy that E = 0 may take after max_events collisions
 _UNFINISHED = DivergenceError, SolverError, UnfinishedStepError, UnsolvableLawError, np.linalg.LinAlgError
 
 
 class _Begun(NamedTuple):
-    """A smooth phase that has begun: the saved state, what remains of the step, s, and collisions before it."""
+    """The start of a smooth phase: the saved state, the rest of the step, s, and the number of collisions before it."""
 
     state: np.ndarray
     remaining: float
@@ -77,8 +80,8 @@ class RigidStepping:
     """The algorithm behind ``Stepper(contact_model="rigid")``; see there for the options.
 
     Attributes:
-        unlocated: steps so far that time stepping, or E = 0 after max_events collisions, has finished.
-        crowded: whether many collisions have kept one of them from being finished otherwise.
+        unlocated: number of steps so far that time stepping, or E = 0 after max_events collisions, has finished.
+        crowded: whether the number of collisions was the reason for one of them.
     """
 
     def __init__(
@@ -114,22 +117,22 @@ class RigidStepping:
 
     @property
     def short_steps(self) -> int:
-        """Time-stepped steps that have not met the law, see `time_stepping.scheme.TimeStepping`."""
+        """Number of time-stepped steps that have not met the law, see `time_stepping.scheme.TimeStepping`."""
         return 0 if self._rest is None else self._rest.short_steps
 
     def set_law(self, law: Law) -> None:
-        """Let the collisions of the next steps be by another law."""
+        """Use another law for the collisions of the next steps."""
         self._collider = replace(self._collider, law=law)
         if self._rest is not None:
             self._rest.set_law(law)
 
     def learn_friction(self) -> None:
-        """Read the friction of the model anew; contacts and forces of the last step had another."""
+        """Read the friction of the model again, and forget contacts and forces of the last step."""
         self._last.forget()
         self._phases.learn_friction()
 
     def step(self, data: mujoco.MjData) -> Told:
-        """Advance by one timestep and return the collisions; data is back where it was if an error is raised."""
+        """Advance by one timestep and return the collisions; if an error is raised, data is as it was before."""
         self._configuration.bind(data)
         state, events = self._configuration.save(self._before), []
         surfaces = self._surfaces
@@ -145,7 +148,7 @@ class RigidStepping:
                     raise
                 if not waits:
                     self._rest.failed()
-                    if len(events) > _MANY * self._collider.most:  # each has only some of the energy by now
+                    if len(events) > _MANY * self._collider.most:  # each of them has only part of the energy by now
                         self.crowded = True
                         self._begun = _Begun(state, self._options.timestep, 0)
                 return self._finish(data, self._rest, events, opens=not isinstance(error.__cause__, mujoco.FatalError))
@@ -157,7 +160,7 @@ class RigidStepping:
             raise
 
     def _finish(self, data: mujoco.MjData, rest: RestOfStep, events: list[ImpactEvent], *, opens: bool) -> Told:
-        """Let time stepping take what is left of the step."""
+        """Take the rest of the step by time stepping."""
         state, remaining, count = self._begun
         known = tuple(events[:count])
         self._configuration.restore(state)
@@ -173,7 +176,7 @@ class RigidStepping:
         return (lambda: (*known, *more())) if callable(more) else known
 
     def _open(self) -> None:
-        """Open what time stepping has left overlapping by next to nothing; the rest it opens over time."""
+        """Open the slight overlaps that time stepping has left; it opens the others over time."""
         self._work.begin(_OPENING)
         with self._options:
             self._configuration.update()
@@ -226,7 +229,7 @@ class RigidStepping:
             remaining -= trial.duration
             configuration.data.time = end - remaining
             start = trial.phase_end.now
-            if closed and trial.gap < -self._tolerance:  # it has jumped there
+            if closed and trial.gap < -self._tolerance:  # a gap has jumped
                 start = self._apart(start)
             self._check_held(start)
             if start.collides:
@@ -237,9 +240,9 @@ class RigidStepping:
         return start
 
     def _begin(self, events: list[ImpactEvent]) -> tuple[ContactState, bool]:
-        """Return the contacts of now, after collisions, and whether the configuration had to be changed for them.
+        """Return the contacts at the start, after collisions, and whether the configuration had to be changed.
 
-        They are those that the last step has left, if nothing has changed.
+        If nothing has changed since the last step, these are the contacts at its end.
         """
         known = self._last.contacts()
         if known is not None:
@@ -259,7 +262,7 @@ class RigidStepping:
         return (self._collide(start, events) if start.collides else start), pushed
 
     def _pushed_out(self, start: ContactState) -> ContactState:
-        """Push out what overlaps where that was put; what is squeezed is opened over time."""
+        """Push out overlaps that were set from outside; time stepping opens bodies that are squeezed."""
         try:
             return push_out(self._phases, start)
         except OverlapError as squeezed:
@@ -268,7 +271,7 @@ class RigidStepping:
             raise UnfinishedStepError(str(squeezed)) from None
 
     def _check_held(self, state: ContactState) -> None:
-        """Raise `UnfinishedStepError` where contact is not held: joints are locked, or something overlaps too far."""
+        """Raise `UnfinishedStepError` if contact is not held: joints are locked, or an overlap is too deep."""
         if state.pattern and self._configuration.is_locked(self._options.timestep, _LOCKED):
             raise UnfinishedStepError(
                 'contact is not held beside joints that damping all but locks; use RK4, or scheme="time-stepping"'
@@ -281,7 +284,7 @@ class RigidStepping:
             raise UnfinishedStepError(f"contacts were not held: {overlap}")
 
     def _ties(self, state: ContactState) -> bool:
-        """Return whether equality constraints leave a closed contact next to no motion: both cannot be met."""
+        """Return whether equality constraints leave a closed contact almost no motion: both cannot be satisfied."""
         constraints = state.contact_set.bilateral
         if constraints is None:
             return False
@@ -289,10 +292,10 @@ class RigidStepping:
         return bool(are_tied(state.contact_set.jacobian[closed], constraints, lengths(self._model)).any())
 
     def _apart(self, start: ContactState) -> ContactState:
-        """Move apart what overlaps because a gap has jumped; leave it where bodies are squeezed.
+        """Open an overlap that is due to a jump of a gap; leave it if bodies are squeezed.
 
-        They are, too, where that would move them by far more than they overlap: constraints leave them next to no
-        motion there.
+        Bodies count as squeezed, too, if opening would move them by far more than they overlap: constraints then leave
+        them almost no motion in that direction.
         """
         state, depth = self._configuration.save(), -float(start.gap.min())
         before = self._configuration.data.geom_xpos.copy()
@@ -306,7 +309,7 @@ class RigidStepping:
         return self._phases.look()
 
     def _collide(self, start: ContactState, events: list[ImpactEvent]) -> ContactState:
-        """Resolve the collisions of now."""
+        """Resolve the collisions at this time."""
         data, before = self._configuration.data, len(events)
         closed = np.flatnonzero(start.closed)
         self._check_calm(start)
@@ -326,7 +329,7 @@ class RigidStepping:
         return start.moving()
 
     def _check_calm(self, start: ContactState) -> None:
-        """Raise `UnfinishedStepError` where constraints move against themselves next to a collision: they give way."""
+        """Raise `UnfinishedStepError` if constraints drift too fast next to a collision: they are giving way."""
         constraints, gamma = start.contact_set.bilateral, start.contact_velocity
         if constraints is not None and self._rest is not None:
             fastest = -gamma[start.closed].min(initial=0.0)
@@ -337,13 +340,13 @@ class RigidStepping:
         """Raise `UnfinishedStepError` if E = 0 after max_events collisions has taken more energy than rounding."""
         if self._rest is not None and count > self._collider.most:
             impact = new[-1].impact
-            pushed = self._options.timestep * impact.collision.metric.norm(data.qacc)  # by all but contact, in a step
+            pushed = self._options.timestep * impact.collision.metric.norm(data.qacc)  # of all forces but contact
             lost = -impact.energy_change
             if lost > _ENDED * impact.collision.kinetic_energy and impact.intensity > pushed:
                 raise UnfinishedStepError(f"more than {self._collider.most} collisions in a step")
 
     def _metric_now(self) -> KineticMetric:
-        """Return the kinetic metric of now: the last one where inertia is constant, unless somebody has changed it."""
+        """Return the current kinetic metric: the last one if inertia is constant, unless the model was changed."""
         self._configuration.refresh()
         known = None if self._plan.inertia else self._metric
         self._metric = kinetic_metric(self._model, self._configuration.data, known=known)

@@ -1,11 +1,11 @@
-"""Steps whose contacts need no look but one at the end, to see that the last step's answer holds once more.
+"""Shortcuts for steps that need only one look at contacts, at the end, to see that the last step's answer still holds.
 
-- `Apart`: nothing is near, neither before nor after.
-- `Together`: contacts are closed, and still, without any force; they are closed after.
-- `Rest`: nothing has moved in the last step, and nothing moves in this one if the contacts exert the same forces.
+- `Apart`: no contact is near, neither before nor after.
+- `Together`: contacts are closed and still without any force, and closed afterwards.
+- `Rest`: nothing moved in the last step, and nothing moves in this one if the contacts exert the same forces.
 
-A shortcut tries one smooth phase for the whole step. Where its condition does not hold at the end, that is taken back,
-and the step taken as any other.
+A shortcut tries one smooth phase for the whole step. If its condition does not hold at the end, the phase is undone and
+the step is taken in the usual way.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from impactlaw.stepping.integration import saved_qpos, saved_qvel
 
 
 class Shortcut(Protocol):
-    """What the last step has shown, and whether it holds in the next one, too, which starts where that has ended."""
+    """A fact about the last step that may also hold in the next one, which starts where the last one ended."""
 
     def lasts(self, phases: SmoothPhases) -> Shortcut | None:
-        """Advance by a timestep; return the shortcut of the next one, or None if this one is to be taken back."""
+        """Advance by a timestep; return the shortcut for the next step, or None if this step has to be undone."""
         ...
 
 
@@ -35,7 +35,7 @@ class Shortcut(Protocol):
 class Apart:
     """No contact is near."""
 
-    frames: Frames | None  # of all geoms at the start of the step; None if no body can pass through another
+    frames: Frames | None  # frames of all geoms at the start of the step; None if no body can pass through another
 
     def lasts(self, phases: SmoothPhases) -> Shortcut | None:
         """See `Shortcut`."""
@@ -44,12 +44,12 @@ class Apart:
 
 @dataclass(frozen=True, eq=False)
 class Together:
-    """All contacts are closed and were still, and no force is needed for that.
+    """All contacts are closed and were still, which takes no force.
 
-    One that begins to approach or to separate is noticed as soon as its gap is not closed any more.
+    A contact that begins to approach or to separate is noticed as soon as its gap no longer counts as closed.
     """
 
-    pattern: Pattern  # of these contacts, the only ones near
+    pattern: Pattern  # pattern of these contacts, the only ones that are near
 
     def lasts(self, phases: SmoothPhases) -> Shortcut | None:
         """See `Shortcut`."""
@@ -60,18 +60,18 @@ class Together:
 class Rest:
     """Nothing moves.
 
-    The impulse ``P = M (v+ - v)`` of the contacts in the last phase is known. The next one gets ``P / tau`` as an
-    applied force. If nothing has moved at its end, neither in position nor in velocity, the same contacts are
-    closed, and their forces lie in the same cones as before, unless somebody has changed geoms: that shows in gaps.
+    The impulse ``P = M (v+ - v)`` of the contacts in the last phase is known. The next phase gets ``P / tau`` as an
+    applied force. If neither position nor velocity has changed at its end, the same contacts are closed, and their
+    forces lie in the same cones as before. If geoms were changed meanwhile, the gaps show it.
     """
 
-    qpos: np.ndarray  # where the contacts were looked at, (nq,)
-    force: np.ndarray  # that the contacts exert on all degrees of freedom, N or N m, (nv,)
-    distance: float  # of all coordinates together, below which no gap changes by more than a correction, m or rad
-    speed: float  # of all coordinates together, below which every contact velocity is rounding, m/s or rad/s
-    correction: float  # of gaps, all together, m
+    qpos: np.ndarray  # configuration at which the contacts were looked at, (nq,)
+    force: np.ndarray  # generalized force of the contacts, N or N m, (nv,)
+    distance: float  # norm of a displacement below which no gap changes by more than a correction, m or rad
+    speed: float  # norm of a velocity below which every contact velocity is rounding, m/s or rad/s
+    correction: float  # largest norm of the change of all gaps, m
     pattern: Pattern  # of the contacts
-    gaps: np.ndarray  # that MuJoCo has found, m
+    gaps: np.ndarray  # gaps that MuJoCo has found, m
 
     def lasts(self, phases: SmoothPhases) -> Shortcut | None:
         """See `Shortcut`."""
@@ -89,7 +89,7 @@ class Rest:
 
 
 def find_together(end: ContactState) -> Together | None:
-    """Return that contacts stay together by themselves if they do so at the end of a step; None if they do not."""
+    """Return the shortcut `Together` if contacts stay closed without force at the end of a step, else None."""
     return Together(end.pattern) if end.quiet and end.pattern.plain else None
 
 
@@ -99,7 +99,7 @@ def is_still(phases: SmoothPhases, velocity: np.ndarray, still: float) -> bool:
 
 
 def find_rest(phases: SmoothPhases, state: np.ndarray, end: ContactState) -> Rest | None:
-    """Return the rest that a step without collisions was; None if something has moved in it."""
+    """Return the shortcut `Rest` if nothing has moved in a step without collisions, else None."""
     configuration, timestep = phases.configuration, phases.options.timestep
     if not is_still(phases, saved_qvel(configuration.model, state), end.still):
         return None
@@ -110,7 +110,7 @@ def find_rest(phases: SmoothPhases, state: np.ndarray, end: ContactState) -> Res
         return None
     after = configuration.save()
     configuration.restore(state)
-    data.qvel[:] = end.velocity  # the force is not to undo once more what rounding has added up to
+    data.qvel[:] = end.velocity  # so that the force does not also undo the rounding that has accumulated
     phases.advance(timestep)
     change = end.velocity - data.qvel
     configuration.restore(after)
@@ -120,7 +120,7 @@ def find_rest(phases: SmoothPhases, state: np.ndarray, end: ContactState) -> Res
 
 
 def _farthest(phases: SmoothPhases) -> float:
-    """Return how much two points in contact can move against each other, m per unit of all coordinates together."""
+    """Return a bound on the relative motion of two points in contact, m per unit of all coordinates together."""
     return 2.0 * max(phases.farthest, 1.0)
 
 

@@ -1,9 +1,9 @@
-"""Smooth phases between collisions: how far one leads, which contacts stay closed, and when another gap closes.
+"""Smooth phases between collisions: how far a phase leads, which contacts stay closed, and when another gap closes.
 
-A phase is MuJoCo's integrator without contacts (`integration.advance`). It is tried, shortened where bodies travel
-further than they are thick (`travel.Travel`), brought back to the contacts that stay closed
-(`persistent_contact`), and where another gap fell below minus the tolerance, repeated up to the time at which it
-closes (`location.search.locate`); so it is where one has closed and opened again (`location.dips`).
+A phase is MuJoCo's integrator without contacts (`integration.advance`). It is tried, shortened if bodies travel further
+than they are thick (`travel.Travel`), and brought back to the contacts that stay closed (`persistent_contact`). If
+another gap fell below minus the tolerance, it is repeated up to the time at which that gap closes
+(`location.search.locate`). The same is done for a gap that has closed and opened again (`location.dips`).
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from impactlaw.stepping.integration import advance
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.work import Work
 
-_LOCATED = 1e-2  # part of the gap tolerance to which a closing gap is located
-_NEAR = 1e3  # gap tolerances within which contacts are looked for
+_LOCATED = 1e-2  # part of the gap tolerance to which the closing of a gap is located
+_NEAR = 1e3  # distance within which contacts are looked for, in gap tolerances
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 
@@ -41,11 +41,11 @@ class SmoothPhases:
     """Advances from one contact state towards the end of a step.
 
     Attributes:
-        configuration: of the scene, which is advanced.
+        configuration: the configuration of the scene, which is advanced.
         tolerance: the gap tolerance, m.
-        farthest: as in `Travel`.
-        work: as given.
-        options: to be entered (``with``) around every use.
+        farthest: the attribute of `Travel`.
+        work: the counter of work, as given.
+        options: a context to be entered (``with``) around every use.
         surfaces: surfaces that move by themselves; None if the scene has none.
     """
 
@@ -66,15 +66,15 @@ class SmoothPhases:
 
     @property
     def is_steady(self) -> bool:
-        """Whether no surface moves by itself in this step, nor is a belt that the model may start or stop."""
+        """Whether no surface moves by itself in this step, and no belt runs, which the model may start or stop."""
         return self.surfaces is None or (self.surfaces.still and not self.surfaces.run)
 
     def learn_friction(self) -> None:
-        """Read the friction of the model anew."""
+        """Read the friction of the model again."""
         self._detector.forget_patterns()
 
     def advance(self, duration: float, force: np.ndarray | None = None) -> None:
-        """Integrate for ``duration`` s without contacts, or with this force of theirs applied, (nv,)."""
+        """Integrate for ``duration`` s without contacts, or with their force applied, (nv,)."""
         data = self.configuration.data
         if self.surfaces is not None:
             self.surfaces.aim(data)
@@ -90,43 +90,43 @@ class SmoothPhases:
         self.configuration.update()
 
     def _is_short(self, before: np.ndarray, duration: float) -> bool:
-        """Return whether the velocities at both ends of a phase, (nv,), tell that nothing has passed through."""
+        """Return whether the velocities at both ends of a phase, (nv,), rule out that a body passed through another."""
         drift = 0.0 if self.surfaces is None else self.surfaces.speed
         return self._travel.is_short(before, self.configuration.data.qvel, duration, drift=drift)
 
     def detect(self, within: float) -> ContactSet:
-        """Return the contacts of now of a gap up to ``within``, m or rad, at least."""
+        """Return all current contacts with a gap up to ``within``, m or rad, and possibly others."""
         self.configuration.refresh()
         found = self._detector.look(self.configuration.data, within)
-        if found.bilateral is not None:  # they were read with the factors of M alone
+        if found.bilateral is not None:  # the equality constraints were read with the factors of M alone
             self.configuration.refactor()
         self.configuration.comply(found.stiffness)
         return ContactSet(found, self.configuration)
 
     def look(self, within: float = 0.0) -> ContactState:
-        """Return the contacts of now, of a gap up to ``within``, m or rad, at least, and how they move."""
+        """Return all current contacts with a gap up to ``within``, m or rad, and how they move."""
         found = self.detect(max(self._near, within))
         return ContactState.of(found, tolerance=self.tolerance, timestep=self.options.timestep)
 
     def leave_contacts(self, pattern: Pattern) -> None:
-        """Leave in data.contact what `look` leaves there where the pattern is known, and read nothing."""
+        """Fill data.contact as `look` does, for a known pattern, without reading the contacts."""
         self.configuration.refresh()
         self._detector.refresh(self.configuration.data, self._near, pattern)
 
     def frames(self) -> Frames | None:
-        """Return the frames of all geoms of now; None if no body can pass through another."""
+        """Return the current frames of all geoms; None if no body can pass through another."""
         return Frames.of(self.configuration.data) if self._passing else None
 
     def stay_apart(self, start: Frames | None = None) -> bool:
-        """Advance by a timestep in one go from where no contact is near; return whether none has been meanwhile.
+        """Advance by a whole timestep, starting without near contacts; return whether no contact came near meanwhile.
 
-        Without frames at the start this is told from velocities only.
+        Without frames at the start, the answer is derived from velocities only.
         """
         before, timestep = self.configuration.data.qvel.copy(), self.options.timestep
         return self._try_timestep(before, start) and self._dips.is_clear(start, before, timestep)
 
     def stay_together(self, pattern: Pattern) -> bool:
-        """Advance by a timestep in one go where contacts are closed; return whether all still are, uncorrected."""
+        """Advance by a whole timestep with closed contacts; return whether all are still closed, uncorrected."""
         before, timestep = self.configuration.data.qvel.copy(), self.options.timestep
         gaps = (-CORRECTED * self.tolerance, self.tolerance)
         return self._try_timestep(before) and self._dips.are_together(pattern, before, timestep, gaps)
@@ -142,7 +142,7 @@ class SmoothPhases:
     def advance_to_contact(
         self, state: np.ndarray, start: ContactState, duration: float, *, hold_all: bool
     ) -> tuple[TrialStep, bool]:
-        """Advance from a saved state by at most ``duration``; return where that led, and whether a gap closed there."""
+        """Advance from a saved state by at most ``duration``; return the trial, and whether a gap closed at its end."""
         trial, closed = self._try_safely(state, start, duration, hold_all=hold_all), False
         if hold_all:
             return trial.kept(), closed
@@ -153,7 +153,7 @@ class SmoothPhases:
         return trial.kept(), closed
 
     def _again(self, state: np.ndarray, trial: TrialStep) -> Callable[..., TrialStep]:
-        """Return what repeats a trial for another duration, s; see `_arrive`."""
+        """Return a function that repeats a trial for another duration, s; see `_arrive`."""
 
         def again(time: float, *, smooth: bool = trial.phase.smooth) -> TrialStep:
             self.configuration.restore(state)
@@ -164,9 +164,10 @@ class SmoothPhases:
         return again
 
     def _locate(self, state: np.ndarray, trial: TrialStep, begun: ContactState) -> tuple[TrialStep, bool]:
-        """Return the trial up to the first gap that closes, where one has closed in a longer one, and whether.
+        """Return the trial up to the first gap that closes, given a longer one, and whether a gap closes.
 
-        Where none has, since a contact only runs along a rim, it has lost none, and feels the forces of ``begun``.
+        If no gap has closed, since a contact only runs along a rim, the trial has lost no contact, and it is repeated
+        with the forces of ``begun``.
         """
         start, tried = trial.phase.start, trial.phase._replace(smooth=False)
         again = self._again(state, trial._replace(phase=tried))
@@ -188,7 +189,7 @@ class SmoothPhases:
             shortest=shortest,
         )
         if located.was_closed and located.duration > 2.0 * shortest:
-            # at rest over shorter phases (`stays`), not over longer ones: it rests up to there
+            # at rest over shorter phases (`stays`), but not over longer ones: hold the contact up to there
             held = again(located.duration - 2.0 * shortest)
             return (held, True) if held.gap >= -self.tolerance else (again(located.duration), True)
         return located, True
@@ -196,8 +197,8 @@ class SmoothPhases:
     def _is_continued(self, trial: TrialStep, again: Callable[[float], TrialStep]) -> bool:
         """Return whether the deepest contact continues one that was closed at the start, in another place.
 
-        That its gap has bent smoothly is seen from two earlier times: one alone does not tell it from that of another
-        edge, which was open and falls at constant speed.
+        Two earlier times show whether its gap has bent smoothly. One alone does not distinguish it from the gap of
+        another edge, which was open and falls at constant speed.
         """
         begun = continued(trial.phase_end, trial.phase, trial.deepest, trial.gap)
         if begun is None:
@@ -237,9 +238,9 @@ class SmoothPhases:
         return self._arrive(state, phase)
 
     def _arrive(self, state: np.ndarray, phase: Phase) -> TrialStep:
-        """Look at the contacts where the phase has led, and hold those that stay closed.
+        """Look at the contacts at the end of the phase, and hold those that stay closed.
 
-        If contacts are lost whose force it has felt, it is repeated without that force.
+        If contacts whose force the phase has felt are lost, the phase is repeated without that force.
         """
         found = self._match(phase)
         if found is None:
@@ -264,10 +265,10 @@ class SmoothPhases:
         return Matched(now, match(now.contact_set, phase))
 
     def _match(self, phase: Phase) -> Matched | None:
-        """Return the contacts where the phase has led, and those at its start that they continue; see `match`.
+        """Return the contacts at the end of the phase, matched with those at its start; see `match`.
 
-        Contacts whose force the phase has felt are looked for as far as that can have moved them. None if they are
-        lost.
+        Contacts whose force the phase has felt are looked for as far as that force can have moved them. Return None if
+        they are lost.
         """
         found, start = self._look_and_match(phase), phase.start
         self.work.look(len(found.known))
@@ -281,9 +282,9 @@ class SmoothPhases:
         return found if found.continues(active) else None
 
     def _look_again(self, phase: Phase, phase_end: PhaseEnd) -> LookAgain:
-        """Return what looks at the contacts of now up to a gap at least, m, and matches them with those at the start.
+        """Return a function that looks at current contacts up to a gap, m, and matches them with the start.
 
-        Where the same pairs of geoms are near as before, with one contact each, these are the same contacts.
+        If the same pairs of geoms are near as before, with one contact each, the contacts are the same.
         """
         known, pattern = phase_end.known, phase_end.now.pattern
         held = known[phase_end.sustained]
