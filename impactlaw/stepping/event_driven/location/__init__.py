@@ -1,1 +1,1 @@
-"""When gaps close, and how far bodies travel meanwhile."""
+"""Find when gaps close, and how far bodies travel meanwhile."""

@@ -1,9 +1,9 @@
-"""Gaps that close and open again within a smooth phase, so that its end does not show it.
+"""Find gaps that close and open again within a smooth phase, so that its end does not show it.
 
-A gap ``g(t)`` that does so falls first and rises in the end: it is convex, as that of balls that graze each other, or
-of a ball thrown at a ceiling, and lies above its tangents. So only a contact that opens at the end T of a phase with
-``g(T) - T g'(T) < 0`` can have been closed meanwhile, and only if it closes at the start. The lowest point of what is
-left is looked for by trial steps.
+Such a gap ``g(t)`` first falls and finally rises. It is taken to be convex, like that of balls that graze each other or
+of a ball thrown at a ceiling, so that it lies above its tangents. Therefore only a contact that opens at the end T of a
+phase with ``g(T) - T g'(T) < 0`` can have been closed meanwhile, and only if it closes at the start. For the remaining
+contacts, trial steps look for the lowest point of the gap.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from impactlaw.stepping.event_driven.location.travel import Frames, Travel
 from impactlaw.stepping.event_driven.location.trial_step import TrialStep
 from impactlaw.stepping.event_driven.matching import match
 
-_TRIALS = 12  # trial steps that the lowest point of one gap is looked for; smooth gaps take one or two
+_TRIALS = 12  # largest number of trial steps for the lowest point of one gap; smooth gaps take one or two
 _TURNS = 0.1  # part of the longest turn up to which the nearest points of bodies stay where they are
-_INNER = 0.02  # part of a bracket that a trial step keeps off its ends
-_WIDE = 1e-2  # part of the scene's size above which a bound of all motion together is not worth a look that wide
+_INNER = 0.02  # distance of a trial step from the ends of its bracket, as a part of the bracket
+_WIDE = 1e-2  # part of the scene's size above which the crude bound on motion is too wide for a look at contacts
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 
 class _Node(NamedTuple):
-    """A gap, m, after a time, s, and its slope by that, m/s."""
+    """A gap, m, after a time, s, and its derivative by that time, m/s."""
 
     time: float
     gap: float
@@ -51,9 +51,9 @@ class Dips:
         self._extent = float(configuration.model.stat.extent)
 
     def is_clear(self, start: Frames | None, before: np.ndarray, duration: float) -> bool:
-        """Return whether no contact is near now, nor can have been closed within the phase that has led here.
+        """Return whether no contact is near now, nor can have been closed within the phase that has just ended.
 
-        ``start`` are the frames there, None if they are not known.
+        ``start`` are the frames at its start, None if they are not known.
         """
         data, detector = self._configuration.data, self._detector
         if detector.is_at_limit(data, self._near):
@@ -68,9 +68,9 @@ class Dips:
         return True
 
     def are_together(self, pattern: Pattern, before: np.ndarray, duration: float, gaps: tuple[float, float]) -> bool:
-        """Return whether only the contacts of a plain pattern are near now, closed, and no other has been meanwhile.
+        """Return whether only contacts of a plain pattern are near now, all closed, and no other was closed meanwhile.
 
-        ``gaps`` are the smallest and the largest that count as closed, m; see `Detector.are_closed`.
+        ``gaps`` are the smallest and the largest gap that count as closed, m; see `Detector.are_closed`.
         """
         data, detector = self._configuration.data, self._detector
         reach = self._reach(before, duration)
@@ -96,11 +96,11 @@ class Dips:
         return bool(np.count_nonzero(self._opens(found, before, duration) & (found.gap > self._near)))
 
     def find(self, trial: TrialStep, state: np.ndarray, try_for: Callable[[float], TrialStep]) -> TrialStep | None:
-        """Return a shorter trial in which a gap is negative that has opened again in this one; None if none has.
+        """Return a shorter trial in which a gap is negative that has opened again in this one; None if there is none.
 
         Args:
-            trial: the phase; the scene is at its end, and is there again where None is returned.
-            state: saved at its start.
+            trial: the phase. The scene is at its end, and is there again if None is returned.
+            state: the state saved at its start.
             try_for: tries a phase of another duration, s, from the same start.
         """
         phase, data, now = trial.phase, self._configuration.data, trial.phase_end.now
@@ -133,7 +133,7 @@ class Dips:
         try_for: Callable[[float], TrialStep],
         within: float,
     ) -> TrialStep | None:
-        """Look for a trial in which one of these contacts, told by their keys, is closed; see `find`."""
+        """Look for a trial in which one of these contacts, given by their keys, is closed; see `find`."""
         phase, end, tried = trial.phase, self._configuration.save(), False
         starts = self._at_start(suspects, trial, state, within)
         for key, start in starts.items():
@@ -160,7 +160,10 @@ class Dips:
     def _at_start(
         self, suspects: dict[int, _Node], trial: TrialStep, state: np.ndarray, within: float
     ) -> dict[int, _Node | None]:
-        """Return those that close at the start of the phase; None for what their gap is where bodies turn too far."""
+        """Return the suspects that close at the start of the phase, with their gaps there.
+
+        The gap is None if bodies turn too far for the start to tell.
+        """
         phase = trial.phase
         self._configuration.restore(state)
         velocity = phase.start.velocity
@@ -176,7 +179,7 @@ class Dips:
         }
 
     def _suspects(self, found: ContactSet, known: np.ndarray, trial: TrialStep) -> dict[int, _Node]:
-        """Return contacts that may have been closed within a trial, by their keys: not those that have been before."""
+        """Return contacts that may have been closed within a trial, by key, except those that were closed before."""
         phase, phase_end = trial.phase, trial.phase_end
         opens = self._opens(found, phase.start.velocity, phase.duration)
         if not np.count_nonzero(opens):
@@ -193,19 +196,19 @@ class Dips:
         return result
 
     def _nodes(self, found: ContactSet, before: np.ndarray, time: float) -> dict[int, _Node]:
-        """Return the gap of each pair after a time, s: of several contacts the one that closes fastest at the start."""
+        """Return the smallest gap of each pair after a time, s; at the start, the gap that closes fastest."""
         slope = self._slopes(found, before) if time > 0.0 else found.contact_velocity(before)
         order = np.argsort(-slope if time == 0.0 else -found.gap)
         key = found.pattern.key
         return {int(key[i]): _Node(time, float(found.gap[i]), float(slope[i])) for i in order.tolist()}
 
     def _opens(self, found: ContactSet, before: np.ndarray, duration: float) -> np.ndarray:
-        """Return which contacts open now and may have been closed within a phase, by their tangents, bool (h,)."""
+        """Return which contacts open now and, by their tangents, may have been closed within a phase, bool (h,)."""
         slope = self._slopes(found, before)
         return (slope > 0.0) & (found.gap - slope * duration < -self._tolerance)
 
     def _slopes(self, found: ContactSet, before: np.ndarray) -> np.ndarray:
-        """Return how gaps grow with the duration of the phase, m/s, (h,).
+        """Return the derivative of gaps by the duration of the phase, m/s, (h,).
 
         The semi-implicit integrators move with the velocity of the end, so that ``q(T) = q(0) + T v(T)``.
         """
@@ -215,7 +218,7 @@ class Dips:
         return 2.0 * rate - found.contact_velocity(before)
 
     def _detect(self, within: float) -> ContactSet:
-        """Return the contacts of now of a gap up to ``within``, m, at least."""
+        """Return all current contacts with a gap up to ``within``, m."""
         self._configuration.refresh()
         return ContactSet(self._detector.look(self._configuration.data, within), self._configuration)
 
@@ -225,7 +228,7 @@ class Dips:
         return 0.0 if surfaces is None else surfaces.speed * duration
 
     def _reach(self, before: np.ndarray, duration: float) -> float:
-        """Return a distance, m, that two geoms cannot have come closer in a phase, at most the size of the scene."""
+        """Return a bound on how much closer two geoms can have come in a phase, m, at most the size of the scene."""
         after, drift = self._configuration.data.qvel, 2.0 * self._drift(duration)
         reach = self._travel.reach(before, after, duration) + drift
         if reach > _WIDE * self._extent:
@@ -234,20 +237,20 @@ class Dips:
 
 
 def _held(phase_end: PhaseEnd) -> np.ndarray:
-    """Return the keys of the pairs that have a contact which stays closed, int."""
+    """Return the keys of pairs with a contact that stays closed, int."""
     return phase_end.now.pattern.key[phase_end.sustained]
 
 
 def _find_negative(
     gap_after: Callable[[float], tuple[TrialStep, _Node | None]], low: _Node | None, high: _Node, tolerance: float
 ) -> TrialStep | None:
-    """Return a trial at whose end a gap is negative; None if it is not, or not found.
+    """Return a trial at whose end a gap is negative; None if the gap is never negative, or no such trial is found.
 
     Args:
-        gap_after: tries for a time, s, and returns how that ended: with which gap, None if one is negative or far.
-        low: where the gap falls; None if that is not known, and then the phase begins at 0.
-        high: where it rises.
-        tolerance: up to which a gap is not negative, m.
+        gap_after: tries a phase of a given time, s; returns the trial and the gap, None if it is negative or far.
+        low: a node where the gap falls; None if it is not known, and then the bracket begins at 0.
+        high: a node where the gap rises.
+        tolerance: depth up to which a gap does not count as negative, m.
     """
     for _ in range(_TRIALS):
         if _lowest(low, high, -tolerance) >= -tolerance:
@@ -267,7 +270,7 @@ def _find_negative(
 
 
 def _lowest(low: _Node | None, high: _Node, least: float) -> float:
-    """Return a bound of a convex gap between two times, m, by its tangents there; below ``least`` if that is enough."""
+    """Return a lower bound of a convex gap between two times, m, by its tangents, or any bound below ``least``."""
     if low is None:
         return -math.inf if high.gap - high.slope * high.time < least else 0.0
     meet = (low.gap - high.gap + high.slope * high.time - low.slope * low.time) / (high.slope - low.slope)
@@ -275,7 +278,7 @@ def _lowest(low: _Node | None, high: _Node, least: float) -> float:
 
 
 def _bottom(low: _Node, high: _Node) -> float:
-    """Return the time of the lowest point of the cubic through two nodes, between which it falls and rises again."""
+    """Return the time of the lowest point of the cubic through two nodes, between which it falls and then rises."""
     span = high.time - low.time
     rise, first, last = high.gap - low.gap, low.slope * span, high.slope * span
     two, three = 3.0 * rise - 2.0 * first - last, first + last - 2.0 * rise

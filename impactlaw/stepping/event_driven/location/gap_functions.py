@@ -1,4 +1,4 @@
-"""Gaps as functions of the duration of a phase, as far as trial steps have shown them, and when they close."""
+"""Gaps as functions of the duration of a phase, interpolated through trial steps, and the times when they close."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-_ROOT = 1e-15  # part of a stretch to which the zero of its cubic is found
+_ROOT = 1e-15  # part of an interval to which the zero of its cubic is found
 _HALVINGS = 60
 
 
 class Observation(NamedTuple):
     """A contact at the end of a phase."""
 
-    contact: int  # a number that tells it from others, the same after phases of any duration
+    contact: int  # identifies the contact after phases of any duration
     gap: float  # m
     rate: float  # contact velocity, m/s
     before: float  # contact velocity at the start of the phase, m/s
@@ -33,10 +33,10 @@ class GapFunctions:
     """The gaps of contacts that are not held, as functions of the duration of a phase from one start.
 
     Args:
-        gap: of the contacts at the start, m, (h,); their indices tell them. One that overlaps counts as touching.
-        velocity: contact velocities there, m/s, (h,).
-        exact: whether the velocity at the end of a phase is the derivative of the position by its duration. So it is
-            with RK4; the semi-implicit integrators move with the velocity of the end, and there the slope is that of
+        gap: gaps of the contacts at the start, m, (h,); the indices identify the contacts. Overlap counts as touching.
+        velocity: contact velocities at the start, m/s, (h,).
+        exact: whether the velocity at the end of a phase is the derivative of the position by its duration. This is
+            true of RK4. The semi-implicit integrators move with the velocity of the end; for them the slope is that of
             the parabola through the nearest gaps.
 
     Attributes:
@@ -50,7 +50,7 @@ class GapFunctions:
         self.low = 0.0
 
     def add(self, time: float, observations: Iterable[Observation]) -> None:
-        """Add what a phase of this duration, s, has shown at its end."""
+        """Add the observations at the end of a phase of this duration, s."""
         deep = self._deep[time] = []
         for contact, gap, rate, before in observations:
             nodes = self._nodes.get(contact)
@@ -58,7 +58,7 @@ class GapFunctions:
                 nodes = self._nodes[contact] = self._first(contact, time, gap, rate, before)
             place = bisect_right(nodes, time, key=lambda node: node.time)
             if place and nodes[place - 1].time == time:
-                continue  # of two contacts of one pair the first one
+                continue  # of two contacts of one pair, keep the first
             slope = rate if self._exact or not nodes else _bent_slope(nodes, time, gap)
             nodes.insert(place, _Node(time, gap, slope))
             if gap < 0:
@@ -67,14 +67,17 @@ class GapFunctions:
             self.low = max(self.low, time)
 
     def _first(self, contact: int, time: float, gap: float, rate: float, before: float) -> list[_Node]:
-        """Return a contact at the start; one that was too far away to be seen there has come by a parabola, if so."""
+        """Return the node of a contact at the start.
+
+        A contact that was too far away to be seen there is extrapolated by a parabola; the list is empty if that fails.
+        """
         if contact >= 0:
             return [_Node(0.0, max(self._start[0].item(contact), 0.0), self._start[1].item(contact))]
         travel = (0.5 * (before + rate) if self._exact else rate) * time
         return [_Node(0.0, gap - travel, before)] if gap > travel else []
 
     def closing(self, low: float, high: float) -> float | None:
-        """Return when the first of the gaps that are negative after one phase has closed; None if that does not show.
+        """Return when the first of the gaps that are negative after one phase closed; None if the nodes do not show it.
 
         Args:
             low: duration, s, after which no gap is negative.
@@ -91,7 +94,7 @@ class GapFunctions:
 
 
 def _bent_slope(nodes: list[_Node], time: float, gap: float) -> float:
-    """Return the slope in a gap of the parabola through it and the two nearest nodes, or through the only one."""
+    """Return the slope at a gap of the parabola through it and the two nearest nodes, or through the only node."""
     one, *others = sorted(nodes, key=lambda node: abs(node.time - time))
     chord = (gap - one.gap) / (time - one.time)
     if not others:
@@ -101,19 +104,19 @@ def _bent_slope(nodes: list[_Node], time: float, gap: float) -> float:
 
 
 def _zero_before(node: _Node) -> float:
-    """Return where the tangent in a node becomes negative; infinite if it rises."""
+    """Return where the tangent at a node becomes negative; infinite if it rises."""
     return node.time - node.gap / node.slope if node.slope < 0.0 else math.inf
 
 
 def _first_zero(one: _Node, other: _Node) -> float:
-    """Return where the cubic through two nodes first becomes negative in between; infinite if it starts below."""
+    """Return where the cubic through two nodes first becomes negative between them; infinite if it starts negative."""
     d = other.time - one.time
     rise, zero, first, last = other.gap - one.gap, one.gap, one.slope * d, other.slope * d
     second, third = 3.0 * rise - 2.0 * first - last, first + last - 2.0 * rise
     if zero <= 0.0:
         if first <= 0.0:
             return math.inf
-        zero, first, second, third = first, second, third, 0.0  # what touches at the start opens first
+        zero, first, second, third = first, second, third, 0.0  # a gap that is zero at the start opens first
     at = [0.0, *_extremes(first, second, third), 1.0]
     for low, high in pairwise(at):
         if zero + high * (first + high * (second + high * third)) < 0.0:
@@ -132,7 +135,7 @@ def _extremes(first: float, second: float, third: float) -> list[float]:
 
 
 def _falling_zero(c: tuple[float, float, float, float], low: float, high: float) -> float:
-    """Return the zero of a cubic that falls from low to high, by Newton steps within the bracket, else halves."""
+    """Return the zero of a cubic that falls from low to high, by Newton steps in the bracket, or by bisection."""
     s = 0.5 * (low + high)
     for _ in range(_HALVINGS):
         value = c[0] + s * (c[1] + s * (c[2] + s * c[3]))

@@ -1,4 +1,4 @@
-"""Which geoms would be behind each other, or deep in each other, after half a timestep that nobody has looked at."""
+"""Find geoms that would be behind each other, or deep in each other, after half a timestep without a look."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 
 from impactlaw.scene.pairs import thickness
 
-_DEEP = 0.5  # part of the thickness of two geoms by which they may be in each other
+_DEEP = 0.5  # part of the thickness of two geoms that they may overlap by
 _GEOM = int(mujoco.mjtObj.mjOBJ_GEOM)
 
 
 class Passing:
-    """How far geoms that can meet move past each other at the velocity of now."""
+    """Measures how far geoms that can meet move past each other at their current velocity."""
 
     def __init__(self, model: mujoco.MjModel, geoms: np.ndarray):
         thin = thickness(model)
@@ -24,7 +24,7 @@ class Passing:
         self._lever = np.where(np.isfinite(thin), np.maximum(model.geom_rbound - thin, 0.0), 0.0)
 
     def parts(self, data: mujoco.MjData, duration: float, *, drift: float) -> int:
-        """Return into how many parts a time is to be cut so that no half of one is too deep; frames become current."""
+        """Return the number of parts of a duration whose halves do not go too deep; frames become current."""
         model, size = self._model, self._thickness
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
@@ -44,6 +44,6 @@ class Passing:
         return math.ceil(max(1.0, most / _DEEP))
 
     def _meets(self, data: mujoco.MjData, pair: int, moved: float) -> bool:
-        """Return whether a pair can meet where its geoms move past each other by so much, m."""
+        """Return whether a pair can meet if its geoms move past each other by this distance, m."""
         first, second = self._pairs[pair].tolist()
         return mujoco.mj_geomDistance(self._model, data, first, second, moved, None) < moved

@@ -1,4 +1,4 @@
-"""The time at which the first gap closes: by cubics through what trial steps have shown, in a bracket, or bisection."""
+"""Find the time at which the first gap closes, by cubics through trial steps in a bracket, or by bisection."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from impactlaw.stepping.event_driven.location.gap_functions import GapFunctions
 from impactlaw.stepping.event_driven.location.trial_step import TrialStep
 
 _EVALUATIONS = 100
-_PATIENCE = 8  # trial steps that cubics are trusted for, of which smooth gaps take two or three
+_PATIENCE = 8  # number of trial steps at zeros of cubics; smooth gaps take two or three
 
 
 def locate(
@@ -23,15 +23,15 @@ def locate(
     """Return the trial step at whose end the smallest gap is zero.
 
     Args:
-        try_for: advances from the start for a given time and returns how that ended.
+        try_for: advances from the start for a given time and returns the trial step.
         end: a trial step whose gap is negative.
-        gap_functions: what trial steps so far have shown, that one included.
+        gap_functions: the gaps that trial steps so far, including ``end``, have shown.
         target: size of the gap at which the search ends, m.
-        tolerance: size of the gap that is good enough for the bisection, m.
+        tolerance: size of the gap at which bisection ends, m.
         shortest: time in which nothing moves as far as the tolerance, s.
 
     Returns:
-        The last one tried. A gap that jumps from open to closed (a new contact point on an edge) has no zero; then it
+        The last trial step. A gap that jumps from open to closed (a new contact point on an edge) has no zero; then it
         is the earliest trial step after the jump.
     """
     low, high = gap_functions.low, end.duration

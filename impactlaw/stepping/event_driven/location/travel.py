@@ -1,4 +1,4 @@
-"""How far geoms travel, so that no body passes through another unseen."""
+"""Measure how far geoms travel, so that no body passes through another unseen."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from impactlaw.scene.detection import Distances
 from impactlaw.scene.pairs import GeomPairs, thickness
 
 _FREE, _BALL, _SLIDE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{name}")) for name in ("FREE", "BALL", "SLIDE"))
-_FAR = 1e100  # m: how far a slide may carry what hangs on it
+_FAR = 1e100  # m: bound on how far a slide moves the geoms beyond it
 
 
 class Frames(NamedTuple):
@@ -22,19 +22,19 @@ class Frames(NamedTuple):
 
     @classmethod
     def of(cls, data: mujoco.MjData) -> Frames:
-        """Copy the frames of now."""
+        """Copy the current frames."""
         return cls(data.geom_xpos.copy(), data.geom_xmat.copy())
 
 
 class Travel:
-    """How far geoms move in a phase, and how long a phase may be so that no body passes through another unseen.
+    """Measures how far geoms move in a phase, and how long it may be so that no body passes through another unseen.
 
-    A pair is safe when the one has moved past the other by at most the pair's own thickness (the sum of the smallest
-    half-extents), or the distance between the two geoms at the start of the phase. Bodies that fly side by side are
-    safe, however fast. Rotation counts where anything is ``turning``.
+    A pair is safe if one geom has moved past the other by at most the pair's thickness (the sum of the smallest
+    half-extents), or by at most their distance at the start of the phase. Bodies that fly side by side are safe at any
+    speed. Rotation counts if ``turning`` is set.
 
     Attributes:
-        farthest: how far a point of a geom can move at most, m per unit of displacement of all coordinates together.
+        farthest: bound on the motion of a point of a geom, m per unit of displacement of all coordinates together.
     """
 
     def __init__(self, model: mujoco.MjModel, pairs: GeomPairs, *, passing: bool, turning: bool):
@@ -58,10 +58,10 @@ class Travel:
         self.farthest = float(np.linalg.norm(self._reach))
 
     def is_short(self, before: np.ndarray, after: np.ndarray, duration: float, *, drift: float = 0.0) -> bool:
-        """Return whether nothing can have passed through another body, or turned so far that orientations alias.
+        """Return whether no body can have passed through another, or turned so far that orientations alias.
 
-        A bound from the velocities, (nv,), at both ends of a phase, and the largest speed of surfaces that move by
-        themselves, m/s; where it fails, `between` tells more.
+        This is a bound from the velocities, (nv,), at both ends of a phase, and the largest speed of surfaces that move
+        by themselves, m/s. Where it fails, `between` is more precise.
         """
         if not self._passable:
             return True
@@ -71,11 +71,11 @@ class Travel:
         return self._reach.dot(np.abs(before) + np.abs(after)) * duration <= short
 
     def reach(self, before: np.ndarray, after: np.ndarray, duration: float) -> float:
-        """Return a distance, m, that no point of a geom can have moved further than; see `is_short`."""
+        """Return a bound on the distance that a point of a geom can have moved, m; see `is_short`."""
         return self.farthest * (mujoco.mju_norm(before) + mujoco.mju_norm(after)) * duration
 
     def _reaches(self, geoms: np.ndarray) -> np.ndarray:
-        """Return how far each joint's motion can move a point of each geom, m per m or per rad, (ngeom, nv)."""
+        """Return a bound on the motion of each geom's points by each coordinate, m per m or per rad, (ngeom, nv)."""
         model = self._model
         reach = np.zeros((model.ngeom, model.nv))
         for geom in np.unique(geoms):
@@ -96,12 +96,12 @@ class Travel:
         return reach
 
     def between(self, start: Frames, data: mujoco.MjData) -> np.ndarray:
-        """Return a bound on the travel of each geom's surface from the start to now, m, (ngeom,)."""
+        """Return a bound on the travel of each geom's surface since the start, m, (ngeom,)."""
         shift = data.geom_xpos - start.position
         return np.sqrt(np.vecdot(shift, shift)) + self._turned(start, data)
 
     def _turned(self, start: Frames, data: mujoco.MjData) -> np.ndarray:
-        """Return the part of `between` that is rotation, m, (ngeom,)."""
+        """Return the part of `between` that is due to rotation, m, (ngeom,)."""
         turn = data.geom_xmat - start.rotation
         return self._lever * np.sqrt(0.5 * np.vecdot(turn, turn))
 
@@ -110,15 +110,15 @@ class Travel:
         return self._chains.dot(np.maximum(np.abs(before), np.abs(after))) * duration
 
     def along(self, start: Frames, data: mujoco.MjData, apart: Distances) -> np.ndarray:
-        """Return by how much pairs of geoms may have opened along their normals of now, m, (h,)."""
+        """Return a bound on the opening of pairs of geoms along their current normals, m, (h,)."""
         shift, turned = data.geom_xpos - start.position, self._turned(start, data)
         first, second = apart.geoms.T
         return np.vecdot(apart.normal, shift[second] - shift[first]) + turned[first] + turned[second]
 
     def suspects(self, start: Frames, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
-        """Return the indices of pairs that may have passed through each other from the start to now, (k,).
+        """Return the indices of pairs that may have passed through each other since the start, (k,).
 
-        And how far the one has moved past the other, m, (k,).
+        Also return how far one geom of each pair has moved past the other, m, (k,).
         """
         (first, second), turned = self._pairs.T, self._turned(start, data)
         shift = data.geom_xpos - start.position
@@ -130,11 +130,11 @@ class Travel:
         return far[near], moved[near]
 
     def is_safe(self, start: Frames, before: np.ndarray, data: mujoco.MjData, duration: float) -> bool:
-        """Return whether no body has passed through another in a phase from these frames, and velocity, until now."""
+        """Return whether no body has passed through another in a phase, given frames and velocity at its start."""
         return duration <= self.longest_turn(before) and not len(self.suspects(start, data)[0])
 
     def safe_fraction(self, data: mujoco.MjData, suspects: np.ndarray, moved: np.ndarray) -> float:
-        """Return the part of the phase after which no suspect can have passed through; data at the phase's start."""
+        """Return the part of the phase after which no suspect can have passed through; data is at the phase's start."""
         fraction = 1.0
         for k, far in zip(suspects, moved.tolist(), strict=True):
             first, second = self._pairs[k]
@@ -143,7 +143,7 @@ class Travel:
         return fraction
 
     def longest_turn(self, velocity: np.ndarray) -> float:
-        """Return the duration, s, in which the fastest joint turns by one radian (orientations alias beyond it)."""
+        """Return the duration, s, in which the fastest joint turns by one radian; beyond it orientations alias."""
         if self._round:
             return np.inf
         fastest = np.abs(velocity[self._spins]).max(initial=0.0)

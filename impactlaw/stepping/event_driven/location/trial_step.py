@@ -1,4 +1,4 @@
-"""A trial of a smooth phase: what it has shown of the gaps."""
+"""A trial of a smooth phase, and what it shows about the gaps."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from impactlaw.stepping.event_driven.location.gap_functions import Observation
 class TrialStep(NamedTuple):
     """A smooth phase that has been tried: the contacts at its end, and the smallest gap of those that are not held."""
 
-    phase: Phase  # what has been tried
+    phase: Phase  # the phase
     phase_end: PhaseEnd  # the contacts at its end
-    # smallest gap among those that are not held, m. A contact that was deeper at the start counts as touching
+    # smallest gap of contacts that are not held, m; a contact that overlapped at the start counts from its depth there
     gap: float
-    deepest: int  # index of that contact, -1 where none is near
-    # what is left to do if the phase is to be kept, see `kept`; None if nothing is
+    deepest: int  # index of that contact, -1 if no contact is near
+    # what remains to be done if the phase is kept, see `kept`; None if that is nothing
     keep: Callable[[], PhaseEnd] | None = None
 
     @classmethod
     def of(cls, phase: Phase, phase_end: PhaseEnd, keep: Callable[[], PhaseEnd] | None) -> TrialStep:
-        """Look at the contacts at the end of a phase, of which some are not held."""
+        """Return the trial step for the contacts at the end of a phase, of which some are not held."""
         opened = np.flatnonzero(~phase_end.sustained)
         clear = _clear(phase_end.gap[opened], phase_end.known[opened], phase)
         least = int(clear.argmin())
         return cls(phase, phase_end, clear.item(least), opened.item(least), keep)
 
     def kept(self) -> TrialStep:
-        """Return the same with velocities as they are with contacts held; the scene must be at its end."""
+        """Return the same trial with the velocities of held contacts; the scene must be at its end."""
         return self if self.keep is None else self._replace(phase_end=self.keep(), keep=None)
 
     @property
@@ -49,7 +49,7 @@ class TrialStep(NamedTuple):
 
     @property
     def observations(self) -> Iterator[Observation]:
-        """Contacts that are not held, by their gaps; those that were not near at the start are told by their geoms."""
+        """Contacts that are not held, by gap; those that were not near at the start are identified by their geoms."""
         now, known, sustained = self.phase_end
         opened = np.flatnonzero(~sustained)
         known = known[opened]
@@ -62,7 +62,7 @@ class TrialStep(NamedTuple):
 
 
 def _clear(gap: np.ndarray, known: np.ndarray, phase: Phase) -> np.ndarray:
-    """Return gaps at the end of a phase, from the start's where contacts were deeper than the tolerance there."""
+    """Return the gaps at the end of a phase, relative to the start for contacts that overlapped there."""
     start = phase.start.gap
     if start.min(initial=0.0) >= -phase.tolerance:
         return gap

@@ -1,1 +1,1 @@
-"""Contacts that stay closed."""
+"""Hold contacts that stay closed."""

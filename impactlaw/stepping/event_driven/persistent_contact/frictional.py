@@ -1,14 +1,14 @@
-"""Sustained contact with friction: impulses in the friction cones that keep contacts closed and resist sliding.
+"""Persistent contact with friction: impulses in the friction cones that keep contacts closed and resist sliding.
 
-After a smooth phase of duration tau to the velocity ``v``, less what it has felt of contact (`felt_force`), the
-contacts that stay closed take impulses with
+After a smooth phase of duration tau to the velocity ``v``, with the effect of the applied contact forces (`felt_force`)
+subtracted, the contacts that stay closed take impulses with
 
     u_n = J_n (v + M^-1 J^T Lambda) + w_n,   u_t = J_t (v + M^-1 J^T Lambda) + w_t
     0 <= Lambda_n  ⊥  u_n >= 0,   Coulomb's law between Lambda_t and u_t
 
-(Moreau's time stepping with E = 0). Forces that are constant over the phase would move the bodies as well: by
-``tau M^-1 J^T Lambda`` with the semi-implicit integrators, by half of that with RK4. So a contact that sticks does not
-creep: what gravity has moved, friction moves back. What is left of gaps is corrected as without friction.
+(Moreau's time stepping with E = 0). Forces that are constant over the phase would also move the bodies: by
+``tau M^-1 J^T Lambda`` with the semi-implicit integrators, by half of that with RK4. Therefore a contact that sticks
+does not creep: friction undoes the motion by gravity. The remaining gaps are corrected as without friction.
 """
 
 from __future__ import annotations
@@ -35,20 +35,20 @@ from impactlaw.stepping.event_driven.persistent_contact.felt_force import (
 from impactlaw.stepping.event_driven.persistent_contact.position import LookAgain, among, hold_position
 from impactlaw.stepping.work import Work
 
-_SETTLINGS = 4  # shifts of position at most
-_STICKING = 2  # of these in which what sticks stays where it is, as long as that closes the contacts
-_STICKS = 0.999  # part of the friction cone in which a contact sticks
+_SETTLINGS = 4  # largest number of shifts of position
+_STICKING = 2  # number of shifts in which sticking contacts do not slide, as long as the shifts close the contacts
+_STICKS = 0.999  # part of the friction cone within which a contact sticks
 _RANK = 1e-9  # relative singular value below which contacts are redundant
-_KINDS = 6  # rows that a contact can have: the normal one, two of sliding, one of torsion, two of rolling
-_OTHER = np.array([0, 2, 1, 3, 5, 4])  # kind of the other direction of sliding, or of rolling
-_SIGN = np.array([0, 1, -1, 0, 1, -1])  # of a right-handed spin from the one to the other
+_KINDS = 6  # number of rows that a contact can have: the normal row, two of sliding, one of torsion, two of rolling
+_OTHER = np.array([0, 2, 1, 3, 5, 4])  # kind of the row in the other direction of sliding or rolling
+_SIGN = np.array([0, 1, -1, 0, 1, -1])  # sign of a right-handed spin from one row to the other
 
 
 class _Impulses(NamedTuple):
     """Impulses of the sustained contacts."""
 
-    rows: Rows  # of the contacts that take part
-    each: np.ndarray  # of each row, (n,)
+    rows: Rows  # rows of the contacts that take part
+    each: np.ndarray  # impulse of each row, (n,)
     table: np.ndarray  # the same by contact and kind of row, (h, 6)
 
 
@@ -58,8 +58,9 @@ def hold_with_friction(
     """Bring the position back to the sustained contacts; this moves the scene.
 
     Returns:
-        The contacts after the correction, and what brings back the velocity, too, and returns them with that. Before it
-        they have the velocity of the impulses that act where the phase has led: enough for one that is only tried.
+        The contacts after the correction, and a function that also brings back the velocity and returns the contacts
+        with it. Until then they have the velocity from the impulses at the end of the phase, which is enough for a
+        trial.
     """
     configuration = phase_end.now.configuration
     felt = FeltForce.of(configuration, phase.start.force, phase.duration)
@@ -84,10 +85,10 @@ def hold_with_friction(
 
 
 def _hold_velocity(phase_end: PhaseEnd, phase: Phase, felt: FeltForce, free: np.ndarray, guess: np.ndarray) -> PhaseEnd:
-    """Give the sustained contacts the velocity that they have after impulses; return them with these impulses.
+    """Give the sustained contacts the velocity after their impulses; return them with these impulses.
 
-    What the rows of the start add (`_turned`) is half of an impulse; it is left out where a contact would not push
-    after it, which the impulse has been found for: so light limbs would be thrown off the ground.
+    Half of an impulse acts along the rows at the start (`_turned`). That is left out if it makes a contact stop pushing
+    that pushes without it; otherwise light limbs would be thrown off the ground.
     """
     now, configuration = phase_end.now, phase_end.now.configuration
     configuration.damp(phase.duration)  # other phases may have been tried meanwhile
@@ -107,7 +108,7 @@ def _hold_velocity(phase_end: PhaseEnd, phase: Phase, felt: FeltForce, free: np.
 
 
 def _with_more(phase_end: PhaseEnd, phase: Phase) -> PhaseEnd:
-    """Return the contacts with those sustained, too, that the others keep closed now that they are held."""
+    """Return the contacts, where those are sustained, too, that stay closed because others are now held."""
     now, known, sustained = phase_end
     return PhaseEnd(now, known, sustained | stays(now.gap, known, phase))
 
@@ -121,15 +122,15 @@ def _settle(
     reach: float,
     far: float,
 ) -> tuple[PhaseEnd, np.ndarray]:
-    """Shift the bodies, and then so that active contacts are closed; return the contacts and their impulses.
+    """Shift the bodies, and then close the active contacts; return the contacts and their impulses.
 
-    What sticks does not slide in that, unless there are equality constraints, which give way: a light foot would, as
-    the nearest place where it is closed may be far aside.
-    They are looked for up to a gap of ``reach`` at least, m: surfaces may recede, too.
+    Sticking contacts do not slide meanwhile, unless there are equality constraints, which give way. Without this rule a
+    light foot would slide, since the nearest place where it is closed may be far aside. Contacts are looked for up to a
+    gap of ``reach`` at least, m, since surfaces may also recede.
 
     Raises:
-        SolverError: that would move the bodies farther than they have moved in the phase, ``far``, by the kinetic norm:
-            points that are next to each other, as both faces of a foil are, cannot be closed at once.
+        SolverError: the correction would move the bodies farther, in the kinetic norm, than they have moved in the
+            phase, ``far``: points that are next to each other, like both faces of a foil, cannot be closed at once.
     """
     configuration, held = phase_end.now.configuration, phase_end.known[phase_end.sustained]
     for settling in range(_SETTLINGS):
@@ -153,15 +154,16 @@ def _settle(
 
 
 def _closing_impulse(gradients: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Return the least p with ``Y Y^T p = c``, (h,), in the sense of least squares."""
+    """Return the smallest p with ``Y Y^T p = c``, (h,), in the sense of least squares."""
     z = np.linalg.lstsq(gradients, wanted, rcond=_RANK)[0]
     return np.linalg.lstsq(gradients.T, z, rcond=_RANK)[0]
 
 
 def _matched(table: np.ndarray, before: np.ndarray, phase_end: PhaseEnd) -> np.ndarray:
-    """Return impulses, (h, 6), in the order of other contacts; both orders are told by indices at the phase's start.
+    """Return impulses, (h, 6), in the order of other contacts; both orders are given by indices at the phase's start.
 
-    Of contacts on common faces that continue the same one, as both rims of a foil may, the one of least gap has it.
+    If several contacts on common faces continue the same one, as both rims of a foil may, the one with the smallest gap
+    gets its impulse.
     """
     now, known, _ = phase_end
     if np.array_equal(before, known):
@@ -176,10 +178,10 @@ def _matched(table: np.ndarray, before: np.ndarray, phase_end: PhaseEnd) -> np.n
 
 
 def _solve(phase_end: PhaseEnd, phase: Phase, free: np.ndarray, guess: np.ndarray | None) -> _Impulses:
-    """Return the impulses of the sustained contacts, from a velocity without them, (nv,), and a guess, (h, 6)."""
+    """Return the impulses of the sustained contacts, given a velocity without them, (nv,), and a guess, (h, 6)."""
     now, known, before = phase_end.now, phase_end.known, phase.start.contact_forces
     held = now.closed
-    if phase.start.force is not None and before is not None:  # it may have pushed away what it has to pull back
+    if phase.start.force is not None and before is not None:  # the force may have opened a contact of its own
         held = held | ((known >= 0) & (before.force[known, 0] > 0))
     rows = now.contact_set.rows.select(phase_end.sustained & held)
     first = None
@@ -196,10 +198,10 @@ def _solve(phase_end: PhaseEnd, phase: Phase, free: np.ndarray, guess: np.ndarra
 
 
 def _turned(phase_end: PhaseEnd, phase: Phase, rows: Rows) -> np.ndarray | None:
-    """Return the rows at the start of the phase less those of now, (n, nv); None if they are the same.
+    """Return the rows at the start of the phase minus the current rows, (n, nv); None if they are equal.
 
-    Half of an impulse acts along the rows of the start (as in RATTLE), so that what turns about a contact that sticks
-    keeps its energy to second order.
+    Half of an impulse acts along the rows at the start (as in RATTLE), so that a body that turns about a sticking
+    contact keeps its energy to second order.
     """
     start = phase.start.contact_forces
     if start is None or not len(start.rows.contact):
@@ -215,9 +217,9 @@ def _turned(phase_end: PhaseEnd, phase: Phase, rows: Rows) -> np.ndarray | None:
 
 
 def _unspun(phase_end: PhaseEnd, phase: Phase, rows: Rows, row: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Return the rows of the start, (n, nv), with directions of friction that have not spun about the normal since.
+    """Return the rows at the start, (n, nv), with directions of friction that have not spun about the normal since.
 
-    MuJoCo's directions do, where the normal turns: by how much depends on how the scene lies in the world.
+    MuJoCo's directions spin if the normal turns, by an angle that depends on the orientation of the scene in the world.
     """
     assert phase.start.contact_forces is not None
     J, friction = phase.start.contact_forces.rows.jacobian, phase_end.contact_set.pattern.friction
@@ -241,7 +243,7 @@ def _unspun(phase_end: PhaseEnd, phase: Phase, rows: Rows, row: np.ndarray, plac
 def solve_cone_rows(
     rows: Rows, velocity: np.ndarray, guess: np.ndarray | None, speed: float, work: Work, *, exact: bool
 ) -> np.ndarray:
-    """Return the impulses with E = 0, (n,), those of friction divided by their coefficients."""
+    """Return the impulses with E = 0, (n,); those of friction are divided by their coefficients."""
     count, sizes = len(rows.contact), rows.sizes
     work.solve(count, 0)
     problem = ConeProblem(rows.whitened, velocity, sizes, exact=exact, speed=speed)

@@ -1,17 +1,17 @@
-"""Contacts that stay closed during a smooth phase: which ones do, and the impulse that keeps them closed.
+"""Frictionless contacts that stay closed during a smooth phase: which ones, and the impulse that keeps them closed.
 
-A contact is sustained over a phase of duration tau if it was closed at the start and either did not separate, or
-separated so slowly that its rebound rises less than the gap tolerance, ``gamma^2 / (2 a) <= tolerance`` with a the
-closing acceleration that the phase shows. This is also what ends a Zeno sequence of ever smaller bounces. The
-acceleration of a contact is looked at again once those below it are held: in a stack that falls freely it is zero.
+A contact is sustained over a phase of duration tau if it was closed at the start and did not separate, or separated
+so slowly that its rebound rises less than the gap tolerance: ``gamma^2 / (2 a) <= tolerance`` with a the closing
+acceleration in the phase. This also ends a Zeno sequence of ever smaller bounces. The acceleration of a contact is
+evaluated again once the contacts below it are held: in a stack that falls freely it is zero.
 
-The phase itself knows no contact but the forces of the phase before (`felt_force`), which are taken away from where it
-ends; then the position is brought back to the closed contacts (`position`), and the velocity v becomes
+The phase itself contains no contact except the forces of the last phase (`felt_force`), whose effect is subtracted from
+its end. Then the position is brought back to the closed contacts (`position`), and the velocity v becomes
 
     0 <= nu  ⊥  J (w + M^-1 J^T nu) >= 0,   w = v + M^-1 (J_start - J)^T nu' / 2,   v <- w + M^-1 J^T nu
 
-where nu' solves this with w = v. The term with ``J_start - J`` gives half of the impulse the direction it had at the
-start of the phase (as in RATTLE), so that RK4 keeps second order along curved surfaces; on flat ones it vanishes.
+where nu' solves this with w = v. The term with ``J_start - J`` gives half of the impulse the direction at the start of
+the phase (as in RATTLE), so that RK4 keeps second order along curved surfaces; on flat surfaces it vanishes.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def hold(phase_end: PhaseEnd, phase: Phase, look_again: LookAgain) -> tuple[Phas
     """Bring position and velocity back to the sustained contacts; this moves the scene.
 
     Returns:
-        The contacts after the correction, and what is left to do if the phase is to be kept: see `hold_with_friction`.
+        The contacts after the correction, and what remains to be done if the phase is kept: see `hold_with_friction`.
     """
     phase.work.hold(len(phase_end.known))
     if phase_end.now.pattern.friction is not None:
@@ -51,7 +51,7 @@ def hold(phase_end: PhaseEnd, phase: Phase, look_again: LookAgain) -> tuple[Phas
 
 
 def _hold_velocity(phase_end: PhaseEnd, phase: Phase, velocity: np.ndarray, felt: FeltForce) -> PhaseEnd:
-    """Let no closed contact that is sustained approach; return the contacts with the velocity that they have then."""
+    """Keep closed contacts that are sustained from approaching; return the contacts with the resulting velocity."""
     now, contact_set = phase_end.now, phase_end.contact_set
     data = now.configuration.data
     held, active = np.flatnonzero(phase_end.sustained & now.closed), np.zeros(len(now.gap), dtype=bool)
@@ -72,7 +72,7 @@ def _hold_velocity(phase_end: PhaseEnd, phase: Phase, velocity: np.ndarray, felt
 
 
 def _turned(phase_end: PhaseEnd, phase: Phase, held: np.ndarray) -> np.ndarray | None:
-    """Return the rows of contacts at the start of the phase less those of now, (k, nv); None if they are the same."""
+    """Return the rows of contacts at the start of the phase minus the current rows, (k, nv); None if they are equal."""
     start, contact_set, known = phase.start.contact_set, phase_end.contact_set, phase_end.known[held]
     if not np.count_nonzero(known >= 0):
         return None
@@ -81,6 +81,6 @@ def _turned(phase_end: PhaseEnd, phase: Phase, held: np.ndarray) -> np.ndarray |
 
 
 def _velocity_impulse(contact_set: ContactSet, held: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-    """Return ``nu`` with ``0 <= nu  ⊥  J (v + M^-1 J'^T nu) + w >= 0`` for the contacts that are held, (k,)."""
+    """Return ``nu`` with ``0 <= nu  ⊥  J (v + M^-1 J'^T nu) + w >= 0`` for the held contacts, (k,)."""
     gamma = contact_set.contact_velocity(velocity)[held]
     return least_impulse(contact_set.yielding[held], -gamma)

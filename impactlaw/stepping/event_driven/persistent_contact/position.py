@@ -1,4 +1,4 @@
-"""Positions are brought back to the contacts that stay closed, by the smallest shift that opens their gaps.
+"""Correct positions by the smallest shift that opens the gaps of contacts that stay closed.
 
 With the gaps at the end of a phase, in the kinetic metric, by Gauss-Newton:
 
@@ -18,37 +18,37 @@ from impactlaw.stepping.event_driven.contact_state import CORRECTED, ContactStat
 from impactlaw.stepping.work import Work
 
 LookAgain = Callable[[float], tuple[ContactState, np.ndarray]]
-"""Detects the contacts of now up to a gap at least, m, and matches them with those at the start of the phase."""
+"""Detects current contacts up to a gap, m, and matches them with those at the start of the phase."""
 
-_CORRECTIONS = 20  # at most
-_SMOOTH_CORRECTIONS = 3  # that smooth surfaces need; each gains digits, their curvature decides how many
-_FAR = 1e3  # depths of overlaps by which bodies may be moved to open them
-_CONFLICT = 1e-9  # part of the largest of multipliers that prove a conflict above which one takes part in it
+_CORRECTIONS = 20  # largest number of corrections
+_SMOOTH_CORRECTIONS = 3  # corrections that smooth surfaces need; each gains digits, depending on the curvature
+_FAR = 1e3  # largest distance by which bodies may be moved to open an overlap, in depths of the overlap
+_CONFLICT = 1e-9  # smallest multiplier of a contact in a conflict, relative to the largest in its proof
 
 
 class Cuts(NamedTuple):
-    """Contacts that were seen in earlier corrections, where contact points jump on a face."""
+    """Contacts seen in earlier corrections, kept if contact points jump on a face."""
 
-    jacobian: np.ndarray  # their gap gradients, (n, nv)
+    jacobian: np.ndarray  # gap gradients of these contacts, (n, nv)
     least: np.ndarray  # smallest shift along them, m, (n,)
 
 
 class Correction(NamedTuple):
     """One step of Gauss-Newton."""
 
-    sustained: np.ndarray  # which contacts stay closed, bool (h,)
-    active: np.ndarray  # which of them need an impulse for that, bool (h,)
-    shift: np.ndarray  # that opens them, (nv,)
+    sustained: np.ndarray  # contacts that stay closed, bool (h,)
+    active: np.ndarray  # contacts that need an impulse to stay closed, bool (h,)
+    shift: np.ndarray  # the shift that opens the contacts, (nv,)
 
 
 def hold_position(phase_end: PhaseEnd, phase: Phase, look_again: LookAgain, felt: np.ndarray) -> PhaseEnd:
-    """Move the scene to where contacts that are sustained do not overlap; return the contacts there.
+    """Move the scene so that sustained contacts do not overlap; return the contacts there.
 
-    They may take back the shift that contact forces have made in the phase, ``felt``, (nv,).
+    The correction may undo the shift ``felt``, (nv,), that contact forces have made in the phase.
 
     Raises:
-        UnfinishedStepError: that would move bodies by far more than they overlap, because equality constraints leave
-            contacts next to no motion.
+        UnfinishedStepError: the correction would move bodies by far more than they overlap, because equality
+            constraints leave contacts almost no motion.
     """
     configuration = phase_end.now.configuration
     end, end_gap = configuration.data.qpos.copy(), phase_end.gap[phase_end.sustained]
@@ -65,8 +65,8 @@ def hold_position(phase_end: PhaseEnd, phase: Phase, look_again: LookAgain, felt
                 return PhaseEnd(now, known, sustained)
             place = place.copy()
         if correction and now.contact_set.opening(wanted - shift) <= CORRECTED * phase.tolerance:
-            break  # what still overlaps is squeezed between bodies that cannot give way
-        if correction >= _SMOOTH_CORRECTIONS:  # the contacts jump between points of a face: keep them all
+            break  # the remaining overlap is squeezed between bodies that cannot give way
+        if correction >= _SMOOTH_CORRECTIONS:  # contacts jump between points of a face: keep them all
             J = now.contact_set.jacobian[sustained]
             least = J.dot(shift + felt) - now.gap[sustained]
             cuts = Cuts(np.vstack([cuts.jacobian, J]), np.concatenate([cuts.least, least]))
@@ -76,10 +76,10 @@ def hold_position(phase_end: PhaseEnd, phase: Phase, look_again: LookAgain, felt
         if np.abs(configuration.data.geom_xpos - place).max(initial=0.0) > limit:
             raise UnfinishedStepError("equality constraints leave contacts next to no motion: they were not held")
         if known is not before and not np.array_equal(known, before):
-            if not among(before[active & (before >= 0)], known).all():  # pushed out further than contacts are sought
+            if not among(before[active & (before >= 0)], known).all():  # pushed out of the range of the look
                 now, known = look_again(float(-end_gap.min()))
             active = among(known, before[active])
-            sustained = among(known, before[sustained])  # what the phase has decided stays decided
+            sustained = among(known, before[sustained])  # the phase's decision stands
         phase_end = PhaseEnd(now, known, sustained)
         if _is_corrected(phase_end, active, phase):
             break
@@ -87,7 +87,7 @@ def hold_position(phase_end: PhaseEnd, phase: Phase, look_again: LookAgain, felt
 
 
 def _is_corrected(phase_end: PhaseEnd, active: np.ndarray, phase: Phase) -> bool:
-    """Return whether sustained contacts do not overlap, active ones are closed, and no other should be held."""
+    """Return whether no sustained contact overlaps, active contacts are closed, and no other contact should be held."""
     gap, sustained, allowed = phase_end.gap, phase_end.sustained, CORRECTED * phase.tolerance
     if np.count_nonzero((sustained & (gap < -allowed)) | (active & (np.abs(gap) > allowed))):
         return False
@@ -95,12 +95,12 @@ def _is_corrected(phase_end: PhaseEnd, active: np.ndarray, phase: Phase) -> bool
 
 
 def among(index: np.ndarray, some: np.ndarray) -> np.ndarray:
-    """Return which indices of contacts are among others, of which -1 is none, bool (h,)."""
+    """Return which indices of contacts are among the others, where -1 is no contact, bool (h,)."""
     return (index[:, None] == some[some >= 0]).any(axis=1)
 
 
 def _correction(phase_end: PhaseEnd, shift: np.ndarray, phase: Phase, cuts: Cuts) -> Correction:
-    """Return the shift that opens the contacts, linearized where the scene has been shifted by ``shift``, (nv,)."""
+    """Return the shift that opens the contacts, linearized at the scene shifted by ``shift``, (nv,)."""
     contact_set, gap, sustained = phase_end.contact_set, phase_end.gap, phase_end.sustained
     J = contact_set.jacobian
     while True:
@@ -123,7 +123,7 @@ def _correction(phase_end: PhaseEnd, shift: np.ndarray, phase: Phase, cuts: Cuts
 
 
 def _opening_impulse(gradients: np.ndarray, least: np.ndarray, work: Work) -> np.ndarray:
-    """Return what `least_impulse` returns, and 0 for contacts of bodies that cannot give way, or not all at once."""
+    """Return `least_impulse`, with 0 for contacts of bodies that cannot give way, or cannot all give way at once."""
     able = np.vecdot(gradients, gradients) > 0
     if able.all():
         try:
