@@ -1,1 +1,1 @@
-"""Time stepping after Moreau and Jean: impacts, held contact and friction in one problem a step."""
+"""Time stepping after Moreau and Jean: impacts, persistent contact and friction in one problem per step."""

@@ -1,8 +1,8 @@
-"""Equality constraints that close a limit by giving way, and leave it next to no motion: both cannot be met.
+"""Find equality constraints that close a limit by drifting, and leave it almost no motion, so that both cannot be met.
 
-To open the limit, what the constraint allows would have to make up for the drift, divided by the little that is left: a
-knee whose shank slips by 3 mm per radian would turn 300 times as fast as the slip closes. See
-`soft.drifting`, and `scene.equality_constraints.DRIFT`.
+To open the limit, the motion that the constraint allows would have to compensate the drift divided by the small
+remainder: a knee whose shank slips by 3 mm per radian would turn 300 times as fast as the slip closes. See
+`soft.drifting` and `scene.equality_constraints.DRIFT`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from impactlaw.stepping.time_stepping.problem.energy import find_islands
 from impactlaw.stepping.time_stepping.problem.rows import NEAR
 from impactlaw.stepping.time_stepping.tolerances import CALM_TIES, DRIVEN, STIFF
 
-_ALL = 1e-12  # square of what is left of a gradient that the constraint takes as a whole
+_ALL = 1e-12  # squared remainder of a gradient, relative to its square, up to which the constraint takes it completely
 
 
 @plain
@@ -31,7 +31,7 @@ def square_of(sparse, value, row):
 
 @plain
 def _find_fastest(sparse, value, groups, rates, collides, label, fastest):
-    """Write the largest velocity of a contact that collides in each island, and that in the kinetic metric, zeros."""
+    """Write the largest colliding contact velocity of each island, as it is and in the kinetic metric, to zeros."""
     for g in range(len(collides)):
         if collides[g] and label[g] >= 0:
             i, row = label[g], groups[0, g]
@@ -42,7 +42,7 @@ def _find_fastest(sparse, value, groups, rates, collides, label, fastest):
 
 @plain
 def _is_closed_by(sparse, colind, value, rates, row, limit, fastest, work):
-    """Return whether a constraint, whose row is scattered to work, closes a limit by giving way."""
+    """Return whether a constraint, whose row is scattered to ``work``, closes a limit by drifting."""
     product, own, other = 0.0, square_of(sparse, value, row), square_of(sparse, value, limit)
     for a in range(sparse[1, limit], sparse[1, limit] + sparse[0, limit]):
         product += value[a] * work[colind[a]]
@@ -56,9 +56,9 @@ def _is_closed_by(sparse, colind, value, rates, row, limit, fastest, work):
 
 @plain
 def _find_drifts(sparse, colind, value, groups, amounts, rates, collides, label, fastest, work, found):
-    """Write to False which groups are equality constraints that close a limit by giving way, (g,).
+    """Write True for the groups that are equality constraints closing a limit by drifting, to an array of False, (g,).
 
-    There are zeros, (nv,).
+    ``work`` must be zero, (nv,).
     """
     for g in range(len(found)):
         row = groups[0, g]
@@ -80,8 +80,8 @@ def _find_drifts(sparse, colind, value, groups, amounts, rates, collides, label,
 def _is_calm(sparse, value, rates, row, kind, speed, longest):
     """Return whether an equality constraint can keep its velocity in a collision with these largest velocities.
 
-    That is nothing next to the collision. For couplings, whose units are not those of contact, both are taken in the
-    kinetic metric.
+    It can if its velocity is negligible next to the collision. For couplings, whose units differ from those of contact,
+    both velocities are taken in the kinetic metric.
     """
     if kind == TYING:
         return abs(rates[1, row]) <= CALM_TIES * speed
@@ -90,7 +90,7 @@ def _is_calm(sparse, value, rates, row, kind, speed, longest):
 
 @kernel
 def hold_constraints(sparse, colind, value, groups, amounts, rates, collides, kinds, tree):
-    """Do what `hold` does."""
+    """Write the result of `hold`."""
     many, label, given = groups.shape[1], indices(groups.shape[1]), cleared(groups.shape[1])
     count = find_islands(sparse, colind, value, groups, rates, tree, label)
     fastest = zeros(2 * count).reshape((2, count))
@@ -104,7 +104,7 @@ def hold_constraints(sparse, colind, value, groups, amounts, rates, collides, ki
             continue
         speed, longest = fastest[:, label[g]]
         full = amounts[1, g]
-        held = rates[4, row] < full  # by a collision before, in the same step
+        held = rates[4, row] < full  # by an earlier collision in the same step
         held = held or _is_calm(sparse, value, rates, row, kinds[g], speed, longest)
         rates[4, row] = full
         if held and not given[g]:
@@ -114,24 +114,23 @@ def hold_constraints(sparse, colind, value, groups, amounts, rates, collides, ki
 
 @compiled()
 def hold(sparse, colind, value, groups, amounts, rates, collides, kinds, tree):
-    """Let equality constraints keep their velocity in a collision, those that do not move against themselves.
+    """Make equality constraints keep their velocity in a collision, unless they drift too fast.
 
-    What they are compared with is the fastest collision of their island: one that cannot influence them does nothing to
-    them.
+    Their velocity is compared with the fastest collision of their island, since other collisions cannot influence them.
 
-    Ties do not become so stiff that they could drive the collision. One with a compliance R, which has the velocity
-    gamma and aims at t, does the work ``(t - gamma+) (gamma + gamma+) / 2 R``, at most ``(gamma + t)^2 / 8 R``. Rows
-    that depend on each other but for a violation come near to that: all that resists them is the turn of the whole.
+    Ties do not become so stiff that they could drive the collision. A tie with compliance R, velocity gamma and target
+    velocity t does the work ``(t - gamma+) (gamma + gamma+) / 2 R``, at most ``(gamma + t)^2 / 8 R``. Rows that are
+    linearly dependent except for a violation come close to that: only the rotation of the whole body resists them.
 
     Args:
-        sparse: see `rows.Rows`, like the five that follow; compliances in `rates` are written.
-        colind: see there.
-        value: see there.
-        groups: see there.
-        amounts: see there.
-        rates: see there.
+        sparse: see `rows.Rows`, like the next five; compliances in `rates` are written.
+        colind: see `rows.Rows`.
+        value: see `rows.Rows`.
+        groups: see `rows.Rows`.
+        amounts: see `rows.Rows`.
+        rates: see `rows.Rows`.
         collides: which groups collide, bool (g,).
-        kinds: those of `constraint_kinds` for each group, and 0 for other rows, (g,).
-        tree: of each degree of freedom, (nv,).
+        kinds: the kind of each group as in `constraint_kinds`, 0 for other groups, (g,).
+        tree: tree of each degree of freedom, (nv,).
     """
     hold_constraints(sparse, colind, value, groups, amounts, rates, collides, kinds, tree)

@@ -1,4 +1,4 @@
-"""What impulses of a step do to the energy, and the part of them that adds none."""
+"""The energy balance of the impulses of a step, and the part of the impulses that adds no energy."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from impactlaw.solvers.cones.algebra.loops import indices, kernel, numbers, plai
 from impactlaw.solvers.cones.rows import impulse_jump, islands
 from impactlaw.stepping.time_stepping import tolerances
 
-CREATED = 1e-9  # part of the largest energy of a contact, up to which its creation is rounding
-_ROUNDING = 1e-14  # part of a sum of energies
-_CANCEL = 2e-6  # part of the energy of impulses each by itself, below which they cancel each other
-_DRIFTS = 0.25  # part of the energy of all together that the drift of constraints gives at least
+CREATED = 1e-9  # part of the sum of the sizes of contact energies up to which created energy is rounding
+_ROUNDING = 1e-14  # rounding, as a part of a sum of energies
+_CANCEL = 2e-6  # impulses cancel if their joint energy is below this part of the sum of their separate energies
+_DRIFTS = 0.25  # least part of the energy of all impulses that comes from the drift of constraints
 
 
 is_met: Any = plain(tolerances.is_met)
@@ -33,7 +33,7 @@ def row_velocities(sparse, colind, value, rates, z, after):
 
 @plain
 def add_before(sparse, rates, Jnnz, Jadr, Jcol, J, moved):
-    """Add what is added to the velocity before a collision, (nv,), to that of each row; see `inertial_forces`."""
+    """Add a velocity before the collision, (nv,), to that of each row; see `inertial_forces`."""
     for r in range(rates.shape[1]):
         row = sparse[2, r]
         for a in range(Jadr[row], Jadr[row] + Jnnz[row]):
@@ -42,13 +42,13 @@ def add_before(sparse, rates, Jnnz, Jadr, Jcol, J, moved):
 
 @compiled()
 def move_rows(sparse, rates, Jnnz, Jadr, Jcol, J, moved):
-    """Do what `add_before` does."""
+    """Compiled `add_before`."""
     add_before(sparse, rates, Jnnz, Jadr, Jcol, J, moved)
 
 
 @plain
 def add_work(groups, base, after, x, scale, g, work, total):
-    """Add ``Lambda^T (gamma + gamma+) / 2`` of a group from velocities gamma, and the sizes of its terms, to sums."""
+    """Add ``Lambda^T (gamma + gamma+) / 2`` of a group, for given gamma, and the sizes of its terms, to the sums."""
     for k in range(groups[0, g], groups[0, g] + groups[1, g]):
         impulse = 0.5 * x[k] * scale[k]
         work += impulse * (base[k] + after[k])
@@ -58,7 +58,7 @@ def add_work(groups, base, after, x, scale, g, work, total):
 
 @plain
 def _work_since(groups, base, after, x, scale):
-    """Return ``Lambda^T (gamma + gamma+) / 2`` of all contacts from velocities gamma, and the sum of sizes of terms."""
+    """Return ``Lambda^T (gamma + gamma+) / 2`` of all contacts, for given gamma, and the sum of sizes of its terms."""
     work, total = 0.0, 0.0
     for g in range(groups.shape[1]):
         if groups[2, g] == CONE:
@@ -74,9 +74,10 @@ def contact_work(groups, rates, after, x):
 
 @plain
 def creates(groups, rates, after, x):
-    """Return whether contacts add energy to the motion before, and to the one without contact: no law of friction does.
+    """Return whether contacts add energy to both the motion before and that without contact: no friction law does.
 
-    Either alone may be: friction that turns a body around, and restitution where forces push bodies apart.
+    One of the two alone is possible: through friction that turns a body around, or through restitution where forces
+    push bodies apart.
     """
     work, total = contact_work(groups, rates, after, x)
     if work <= CREATED * total:
@@ -93,7 +94,7 @@ def is_held(groups, amounts, rates, g):
 
 @plain
 def _add_sums(sparse, value, groups, amounts, rates, after, reached, x, label, sums):
-    """Add what `_shares` looks at, island by island, (9, islands)."""
+    """Add the sums that `_shares` needs, for each island, (9, islands)."""
     for g in range(groups.shape[1]):
         if label[g] < 0:
             continue
@@ -118,19 +119,19 @@ def _add_sums(sparse, value, groups, amounts, rates, after, reached, x, label, s
 
 @plain
 def _shares(sums, unsolved, share):
-    """Write the share of the impulses of each island, at most 1, with which it does not gain from its free motion.
+    """Write the share of the impulses of each island, at most 1, with which it gains nothing on its free motion.
 
-    The share s of x changes its kinetic energy by ``s x^T J v_free + s^2 x^T (J v+ - J v_free) / 2``. An island
-    that meets the law keeps all, unless what is given is unsolved and contact adds energy to it, or contacts collide
-    against constraints that are held and leave them next to no motion: then impulses all but cancel each other, and
-    the drift of the constraints, small as it is, does their work. Constraints that are as soft as ever can do it: what
-    a mocap body pulls against a stop. Return whether some share is less than 1.
+    The share s of x changes its kinetic energy by ``s x^T J v_free + s^2 x^T (J v+ - J v_free) / 2``. An island that
+    meets the law keeps all its impulses, with two exceptions. The first is an unsolved problem in which contact adds
+    energy. The second is a collision against held constraints that leave contacts almost no motion: impulses then
+    nearly cancel each other, and the small drift of the constraints does their work. Constraints that are not held may
+    do such work, as when a mocap body pulls against a stop. Return whether some share is less than 1.
     """
     some = False
     for i in range(len(share)):
         linear, square, total, work, missed, fastest, since, apart, held = sums[:, i]
         share[i] = 1.0
-        gains = linear + square > CREATED * square + _ROUNDING * total  # impulses that cancel can be huge
+        gains = linear + square > CREATED * square + _ROUNDING * total  # impulses that cancel each other can be huge
         drifts = held != 0.0 and square < _CANCEL * apart and min(linear + square, since) > _DRIFTS * square
         if gains and (drifts or not is_met(missed, fastest) or (unsolved and work > CREATED * total)):
             share[i] = max(0.0, -linear / square) if square > 0.0 else 0.0
@@ -140,9 +141,9 @@ def _shares(sums, unsolved, share):
 
 @kernel
 def find_islands(sparse, colind, value, groups, rates, tree, label):
-    """Write the island of each group, -1 for one that cannot move; return the number of islands.
+    """Write the island of each group, -1 for a group that cannot move; return the number of islands.
 
-    `tree`, (nv,), tells which degrees of freedom belong together: those of a kinematic tree, or each to itself alone.
+    `tree`, (nv,), tells which degrees of freedom belong together: those of a kinematic tree, or each only to itself.
     """
     length = numbers(len(label))
     return islands(sparse[0], sparse[1], colind, value, tree, groups[0], groups[1], rates[4], length, label)
@@ -167,10 +168,10 @@ def islands_of(sparse, colind, value, groups, rates, tree):
 
 @kernel
 def lose_energy(sparse, colind, value, groups, amounts, rates, reached, tree, unsolved, x, z, after):
-    """Take away impulses of islands that do not solve their problem and gain energy: such impulses can be anything.
+    """Reduce impulses of islands that do not solve their problem and gain energy: such impulses can be arbitrary.
 
-    Impulses x, whitened jump z and velocities of rows after it are written. What is `unsolved` must have no energy from
-    contact; what is solved can have it, together with other forces.
+    Impulses x, the whitened jump z and the velocities of rows after it are written. If the problem is `unsolved`,
+    contact must not add energy; in a solved problem it may, together with other forces.
     """
     many, label = groups.shape[1], indices(groups.shape[1])
     count = find_islands(sparse, colind, value, groups, rates, tree, label)

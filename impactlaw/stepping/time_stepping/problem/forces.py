@@ -1,4 +1,4 @@
-"""What a step leaves in data for sensors and readers: the forces of contact, and accelerations."""
+"""Write the forces of contact and the accelerations of a step into data, for sensors and other readers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _JOINT_LIMIT, _TENDON_LIMIT = (
 
 @plain
 def hide_limits(kinds, ids, position, margin):
-    """Hide limits that are far from MuJoCo's sensors, or show them again: all limits are looked for, near or not.
+    """Hide limits that are far away from MuJoCo's sensors, or show them again; rows include all limits, near or not.
 
     Sensors of limits take the first row with the number of their joint or tendon, and its gap beyond its margin.
     """
@@ -35,14 +35,14 @@ def hide_limits(kinds, ids, position, margin):
 
 @compiled()
 def _hide_limits(kinds, ids, position, margin):
-    """Do what `hide_limits` does."""
+    """Compiled `hide_limits`."""
     hide_limits(kinds, ids, position, margin)
 
 
 def without_far_limits(
     sensors: Callable[[mujoco.MjModel, mujoco.MjData], None], model: mujoco.MjModel, data: mujoco.MjData
 ) -> None:
-    """Let MuJoCo compute the sensors of a stage, for which limits that are far do not exist."""
+    """Compute the sensors of a stage by MuJoCo, as if limits that are far away did not exist."""
     rows = data.efc_type, data.efc_id, data.efc_pos, data.efc_margin
     _hide_limits(*rows)
     sensors(model, data)
@@ -52,14 +52,14 @@ def without_far_limits(
 def write_forces(
     model: mujoco.MjModel, data: mujoco.MjData, start: np.ndarray, cone: int, found: tuple[Rows, np.ndarray] | None
 ) -> None:
-    """Let sensors and whoever reads ``efc_force`` and ``qfrc_constraint`` see the impulses of the step over h.
+    """Write the impulses of the step over h to ``efc_force`` and ``qfrc_constraint``, for sensors and other readers.
 
     Args:
         model: the scene.
-        data: contacts those of the step, velocity that after it.
+        data: its state, with the contacts of the step and the velocity after it.
         start: velocity before the step, (nv,).
-        cone: of friction that the user has chosen: readers decode forces by it.
-        found: rows, and their impulses in units of the problem; None without contact.
+        cone: kind of friction cone that the user has chosen; readers decode forces by it.
+        found: the rows, and their impulses in units of the problem; None without contact.
     """
     force, h = np.zeros(data.nefc), model.opt.timestep
     if found is not None:

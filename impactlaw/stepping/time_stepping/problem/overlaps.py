@@ -1,4 +1,4 @@
-"""Overlaps of bodies, and the velocity beside the velocities that opens them."""
+"""Overlaps of bodies, and the separate velocity of positions that opens them."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from impactlaw.solvers.cones import BILATERAL, CONE
 from impactlaw.solvers.cones.algebra.loops import clear, numbers, plain
 from impactlaw.stepping.compiled.whitening import unwhitened
 
-_SLOP = 1e-8  # m or rad: overlaps up to this are left to the velocities
-_SWEEPS = 40  # over contacts that overlap
-_SETTLED = 1e-4  # part of the velocity needed that is no change any more
-_OPENING = 0.2  # m/s or rad/s at which overlaps of the start are opened at least
-_OPENING_TIME = 0.1  # s in which most of a deep one is
-_FARTHEST = 0.1  # m or rad in one step, by which overlaps are opened at most
-_ALONG = 30.0  # m along the surfaces for each m that opens, from which a motion does not open an overlap
-_NEVER = -1e30  # m/s, the velocity needed where nothing has to open
+_SLOP = 1e-8  # m or rad: smaller overlaps are left to the velocities
+_SWEEPS = 40  # number of sweeps over contacts that overlap
+_SETTLED = 1e-4  # change of velocity, relative to the needed velocity, up to which the iteration has converged
+_OPENING = 0.2  # m/s or rad/s: least speed at which overlaps of the start are opened
+_OPENING_TIME = 0.1  # s: time in which most of a deep overlap is opened
+_FARTHEST = 0.1  # m or rad: largest opening of overlaps in one step
+_ALONG = 30.0  # sliding distance per opening distance from which a motion does not count as opening an overlap
+_NEVER = -1e30  # m/s: the needed velocity of a contact that need not open
 
 
 @plain
 def overlap_targets(groups, amounts, rates, after, timestep, need):
-    """Write how fast positions beside the velocities are to open overlaps, m/s, (g,), and return whether any has to.
+    """Write how fast positions must open overlaps beyond the velocities, m/s, (g,); return whether any must.
 
-    What the velocities do until the middle of the next step counts, and between bodies until the end of this one.
-    Overlaps that came about in the step before are opened at once, those of the start
-    at a limited speed.
+    The motion by the velocities is counted until the middle of the next step; if it opens a contact between bodies,
+    only until the end of this step. Overlaps that arose in the last step are opened at once, those of the start at a
+    limited speed.
     """
     some = False
     for g in range(len(need)):
@@ -41,10 +41,10 @@ def overlap_targets(groups, amounts, rates, after, timestep, need):
 
 @plain
 def _leave_out(sparse, colind, value, groups, rates, need, z):
-    """Let overlaps be that no motion opens: what would, moves the surfaces along each other by far more.
+    """Leave overlaps alone that no motion opens well, since it would move the surfaces along each other by far more.
 
-    So it is in a finger that slides across its palm, with hulls that share some room: opened, it would go anywhere.
-    There is room for z, (nv,).
+    An example is a finger that slides across its palm, with hulls that share some volume: opening would move it
+    anywhere. ``z`` is scratch space, (nv,).
     """
     for g in range(len(need)):
         if groups[2, g] != CONE or groups[1, g] < 2 or need[g] <= 0.0:
@@ -67,9 +67,10 @@ def _leave_out(sparse, colind, value, groups, rates, need, z):
 
 @plain
 def _move_apart(sparse, colind, value, groups, rates, need, x, z):
-    """Write a small whitened velocity, (nv,), with ``J w >= need``; there is room for x, (g,).
+    """Write a small whitened velocity, (nv,), with ``J w >= need``; ``x``, (g,), is scratch space.
 
-    By projected Gauss-Seidel, whose error the next step corrects. Where not all can be opened, limits are.
+    It is found by projected Gauss-Seidel; the next step corrects its error. If not everything can be opened, limits
+    take precedence.
     """
     _leave_out(sparse, colind, value, groups, rates, need, z)
     clear(z)
@@ -108,7 +109,7 @@ def _move_apart(sparse, colind, value, groups, rates, need, x, z):
 def move_apart(
     sparse, colind, value, groups, rates, need, timestep, factor, root, Mnnz, Madr, Mcol, x, z, shift
 ):  # fmt: skip
-    """Write what `open_overlaps` returns, (nv,); there is room for x, (g,), and z, (nv,); root is ``D^-1/2``."""
+    """Write the result of `open_overlaps`, (nv,); x, (g,), and z, (nv,), are scratch space; root is ``D^-1/2``."""
     _move_apart(sparse, colind, value, groups, rates, need, x, z)
     unwhitened(z, factor, Mnnz, Madr, Mcol, root, shift)
     most = 0.0
@@ -121,9 +122,9 @@ def move_apart(
 
 @compiled()
 def open_overlaps(sparse, colind, value, groups, rates, need, timestep, factor, inverse, Mnnz, Madr, Mcol):
-    """Return a velocity, (nv,), that moves positions as is needed: ``J w >= need``, no friction.
+    """Return a velocity, (nv,), that moves positions as needed, ``J w >= need``, without friction.
 
-    No joint moves by more than `_FARTHEST` in a step: a gradient that nearly vanishes asks for any.
+    No joint moves by more than `_FARTHEST` in a step: a gradient that nearly vanishes would ask for any motion.
     """
     shift = np.empty(len(inverse))
     move_apart(

@@ -1,8 +1,8 @@
 """Collisions one after another within a step: contacts that are hit through others across a gap that is still open.
 
-The problem of a step takes all contacts at once. A contact that a collision of others throws together would then only
-be kept from closing, and its own restitution would be lost. So it is left out first, and collides in the next phase of
-the same step, from the velocity to which the first one leads.
+The problem of a step takes all contacts at once. A contact that closes only through the collision of others would then
+merely be kept from closing, and its own restitution would be lost. Therefore it is left out first, and collides in the
+next phase of the same step, starting from the velocity at the end of the first phase.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from impactlaw.stepping.time_stepping.problem.rows import NEAR
 @plain
 def _is_struck(groups, sparse, colind, value, amounts, rates, z, x, g, slowest, resolved):
     row = groups[0, g]
-    threshold = max(slowest, min(rates[1, row] - rates[2, row], resolved))  # up to which forces hold it
+    threshold = max(slowest, min(rates[1, row] - rates[2, row], resolved))  # up to it, forces explain the velocity
     if not x[row] > 0.0 or (amounts[0, g] <= NEAR and rates[1, row] <= threshold):
         return False
     velocity = rates[1, row]
@@ -31,7 +31,7 @@ def _is_struck(groups, sparse, colind, value, amounts, rates, z, x, g, slowest, 
 
 @plain
 def _meets(sparse, colind, row, struck):
-    """Return whether a row moves what some contact that is struck later moves."""
+    """Return whether a row moves a degree of freedom of a contact that is struck later."""
     meets = False
     for a in range(sparse[1, row], sparse[1, row] + sparse[0, row]):
         meets = meets or struck[colind[a]]
@@ -40,7 +40,7 @@ def _meets(sparse, colind, row, struck):
 
 @kernel
 def find_later(groups, sparse, colind, value, amounts, rates, z, x, collides, slowest, resolved, later):
-    """Write what `struck_later` returns, (g,), and return whether there is some such contact."""
+    """Write the result of `struck_later`, (g,), and return whether there is any such contact."""
     some, struck = False, cleared(len(z))
     for g in range(len(collides)):
         later[g], row = False, groups[0, g]
@@ -62,21 +62,22 @@ def find_later(groups, sparse, colind, value, amounts, rates, z, x, collides, sl
 def struck_later(groups, sparse, colind, value, amounts, rates, z, x, collides, slowest, resolved):
     """Return which contacts are hit only through the collision of others, bool (g,).
 
-    Such a contact is open, or opens, and without its own impulse it would approach faster than one that forces hold.
-    Open ones beside it that do nothing yet are left out with it, or each contact of a face would be in turn.
+    Such a contact is open or opening, and without its own impulse it would approach faster than forces account for.
+    Open contacts beside it without impulses are left out with it; otherwise each contact of a face would be, one after
+    another.
 
     Args:
-        groups: see `rows.Rows`, like the five that follow.
-        sparse: where rows begin and how long they are.
-        colind: degrees of freedom of their entries.
+        groups: see `rows.Rows`, like the next five.
+        sparse: length and first entry of each row.
+        colind: degree of freedom of each entry.
         value: the entries.
         amounts: gaps first.
         rates: velocities of rows at the start of the phase, and without contact.
         z: whitened change of velocity by all impulses, (nv,).
         x: impulses, in units of the problem, (n,).
-        collides: bool (g,).
+        collides: which groups collide, bool (g,).
         slowest: see `targets.contact_targets`.
-        resolved: see there.
+        resolved: see `targets.contact_targets`.
     """
     later = np.empty(len(collides), np.bool_)
     find_later(groups, sparse, colind, value, amounts, rates, z, x, collides, slowest, resolved, later)
@@ -85,10 +86,10 @@ def struck_later(groups, sparse, colind, value, amounts, rates, z, x, collides, 
 
 @compiled()
 def later_rates(groups, sparse, colind, value, rates, z):
-    """Return the rates of rows, see `rows.Rows`, in the next phase: it starts from the velocity that this one leads to.
+    """Return the rates of rows, see `rows.Rows`, in the next phase, which starts with the final velocity of this one.
 
-    Half of what forces do in the step is before all its phases and half is after them, so that a phase changes the
-    velocities before and without contact alike. What equality constraints do in a collision is to keep their velocity.
+    Half of the effect of forces in the step comes before all its phases and half after them. Therefore a phase changes
+    the velocity before and the velocity without contact alike. Equality constraints keep their velocity in a collision.
     """
     after = np.empty(rates.shape[1])
     row_velocities(sparse, colind, value, rates, z, after)
@@ -104,7 +105,7 @@ def later_rates(groups, sparse, colind, value, rates, z):
 
 @compiled()
 def some_groups(sparse, colind, value, groups, key, amounts, rates, keep):
-    """Return the rows of the groups to keep, bool (g,), as `rows.Rows`, and the place of each among all rows, (n,)."""
+    """Return the rows of the groups to keep, bool (g,), as `rows.Rows`, and the index of each among all rows, (n,)."""
     many, entries, count = 0, 0, 0
     for g in range(len(keep)):
         if keep[g]:
@@ -144,13 +145,14 @@ def some_groups(sparse, colind, value, groups, key, amounts, rates, keep):
 def reached_by(groups, sparse, colind, tree, later):
     """Return which groups take part in the next phase, bool (g,): those that impulses of its contacts can reach.
 
-    That is through kinematic trees that groups share. Dry friction, whose force is bounded, does nothing in an instant.
+    Impulses reach through the kinematic trees that groups share. Dry friction is left out: its force is bounded and has
+    no effect in an instant.
 
     Args:
-        groups: see `rows.Rows`, like the two that follow.
-        sparse: where rows begin and how long they are.
-        colind: degrees of freedom of their entries.
-        tree: of each degree of freedom, (nv,).
+        groups: see `rows.Rows`, like the next two.
+        sparse: length and first entry of each row.
+        colind: degree of freedom of each entry.
+        tree: tree of each degree of freedom, (nv,).
         later: contacts that are hit in the next phase, bool (g,).
     """
     mark, reached, more = cleared(trees_of(tree)), np.zeros(len(later), np.bool_), True

@@ -1,13 +1,13 @@
-"""Points of contact: on the body that moves, and those of one face in one plane.
+"""Move contact points onto the body that moves, and the points of one face into one plane.
 
-MuJoCo puts a point of contact halfway between two surfaces. Across a gap that the step closes, friction then has a
-lever that is longer than a ball's radius by half the gap. Where one of two bodies has no degrees of freedom, as mocap
-bodies have none, the point is put on the surface of the other one.
+MuJoCo puts a contact point halfway between two surfaces. Across a gap that the step closes, the lever of friction on a
+ball is then longer than the radius by half the gap. If one of the two bodies has no degrees of freedom, such as a mocap
+body, the point is put on the surface of the other body.
 
-A foot whose corners are 1e-6 m apart in height has points of contact that are not in one plane, and closing their gaps
-by a rotation asks for tangential velocities that differ by 1e-8 m/s: points that stick cannot have them, and push each
-other apart with all the friction there is. So a body can roll onto the face and stick at all of them only if they are
-in one plane.
+The contact points of a foot whose corners differ by 1e-6 m in height are not in one plane. Closing their gaps by a
+rotation asks for tangential velocities that differ by 1e-8 m/s. Points that stick cannot have these velocities, and
+push each other apart with all the available friction. Only with all points in one plane can a body roll onto the face
+and stick at all of them.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from impactlaw.compiled import compiled
 from impactlaw.scene.frames import make_orthogonal
 from impactlaw.solvers.cones.algebra.loops import plain
 
-_PARALLEL = 1e-9  # difference of normals of one face
-_LEVEL = 1e-10  # m: points are in one plane that are as near to it
-_SEEN = 1e-6  # m: smaller gaps change the lever of a single point by less than matters
-_CLOSED = 1e-4  # m: gaps up to which points are put into one plane; corners farther away meet one at a time
+_PARALLEL = 1e-9  # difference of normals up to which points belong to one face
+_LEVEL = 1e-10  # m: distance up to which points are in one plane
+_SEEN = 1e-6  # m: smaller gaps change the lever of a single point by a negligible amount
+_CLOSED = 1e-4  # m: largest gap of points that are put into one plane; corners farther away touch down one at a time
 
 
 @plain
 def _are_between(geom, body_of_geom, weld, j, k):
-    """Return whether two contacts are between the same two bodies; those that no joint separates are one."""
+    """Return whether two contacts are between the same two bodies; bodies that no joint separates count as one."""
     one, other = weld[body_of_geom[geom[k, 0]]], weld[body_of_geom[geom[k, 1]]]
     return weld[body_of_geom[geom[j, 0]]] == one and weld[body_of_geom[geom[j, 1]]] == other
 
 
 @plain
 def _is_of_face(dist, geom, body_of_geom, weld, k):
-    """Return whether some other contact between the same two bodies is as good as closed."""
+    """Return whether another contact between the same two bodies is nearly closed."""
     for step in (-1, 1):
         j = k + step
         while 0 <= j < len(dist) and _are_between(geom, body_of_geom, weld, j, k):
@@ -45,19 +45,19 @@ def _is_of_face(dist, geom, body_of_geom, weld, k):
 
 @plain
 def put_on_bodies(dist, pos, frame, dim, geom, body_of_geom, weld, tree):
-    """Move points of contact with what has no degrees of freedom onto the other body; return if any moves.
+    """Move contact points with bodies without degrees of freedom onto the other body; return whether any moves.
 
-    It is done for contacts with friction, but for those of one face that `put_on_planes` takes.
+    This concerns contacts with friction, except those of one face, which `put_on_planes` handles.
 
     Args:
         dist: gaps, m, (ncon,).
-        pos: points of contact, m, (ncon, 3); written.
-        frame: normals first, (ncon, 3) at least.
+        pos: contact points, m, (ncon, 3); written.
+        frame: frames with normals first, at least (ncon, 3).
         dim: MuJoCo's condim of contacts, (ncon,).
-        geom: of contacts, (ncon, 2).
-        body_of_geom: (ngeom,).
+        geom: geoms of contacts, (ncon, 2).
+        body_of_geom: body of each geom, (ngeom,).
         weld: MuJoCo's body_weldid, (nbody,).
-        tree: MuJoCo's body_treeid, -1 for what has no degrees of freedom, (nbody,).
+        tree: MuJoCo's body_treeid, -1 for bodies without degrees of freedom, (nbody,).
     """
     moved = False
     for k in range(len(dist)):
@@ -73,9 +73,9 @@ def put_on_bodies(dist, pos, frame, dim, geom, body_of_geom, weld, tree):
 
 @plain
 def _height(dist, pos, frame, k, near):
-    """Return how far point `near` is above point k along the normal, m, if both can be in one plane, else infinity.
+    """Return the height of point `near` above point k along the normal, m; infinite if they cannot be in one plane.
 
-    They can if the normals are the same, and point k stays between its two surfaces.
+    They can if the normals are equal, and point k stays between its two surfaces.
     """
     height = 0.0
     for i in range(3):
@@ -87,14 +87,14 @@ def _height(dist, pos, frame, k, near):
 
 @plain
 def put_on_planes(dist, pos, frame, geom, body_of_geom, weld):
-    """Move points of contact of the same two bodies into the plane of the one with the least gap; return if any moves.
+    """Move contact points of two bodies into the plane of the point with the smallest gap; return whether any moves.
 
     Args:
         dist: gaps, m, (ncon,).
-        pos: points of contact, m, (ncon, 3); written.
-        frame: normals first, (ncon, 3) at least.
-        geom: of contacts, (ncon, 2).
-        body_of_geom: (ngeom,).
+        pos: contact points, m, (ncon, 3); written.
+        frame: frames with normals first, at least (ncon, 3).
+        geom: geoms of contacts, (ncon, 2).
+        body_of_geom: body of each geom, (ngeom,).
         weld: MuJoCo's body_weldid, (nbody,).
     """
     begin, end, moved = 0, 0, False
@@ -118,7 +118,7 @@ def put_on_planes(dist, pos, frame, geom, body_of_geom, weld):
 
 @compiled()
 def mend_contacts(dist, pos, frame, dim, geom, body_of_geom, weld, tree):
-    """Do what `make_orthogonal`, `put_on_bodies` and `put_on_planes` do."""
+    """Apply `make_orthogonal`, `put_on_bodies` and `put_on_planes`; return whether anything was changed."""
     turned = make_orthogonal(frame)
     moved = put_on_bodies(dist, pos, frame, dim, geom, body_of_geom, weld, tree)
     return put_on_planes(dist, pos, frame, geom, body_of_geom, weld) or moved or turned

@@ -1,4 +1,4 @@
-"""Reading the rows of a step from MuJoCo's arrays, with the velocities of moving surfaces."""
+"""Read the rows of a step from MuJoCo's arrays, with the velocities of moving surfaces."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class RowReader:
 
     Args:
         model: the scene.
-        surfaces: which move through the step; None where none do.
+        surfaces: surfaces that move during the step; None if there are none.
         frictional: whether rows of friction take part.
         touching: gap, m or rad, up to which bodies at rest touch.
     """
@@ -28,23 +28,23 @@ class RowReader:
         self._constraints, self._lengths = constraint_kinds(model), lengths(model)
 
     def near(self, data: mujoco.MjData, one: np.ndarray, other: np.ndarray, reach: float) -> np.ndarray:
-        """Return which rows begin a contact or limit that is in touch, or would be soon, bool (nefc,).
+        """Return which rows begin a contact or limit that is closed or would soon be, bool (nefc,).
 
         Args:
-            data: contacts current.
+            data: the state with current contacts.
             one: a velocity, (nv,).
-            other: another one; what either of them closes is near.
-            reach: time within which, s.
+            other: another velocity; a contact is near if either velocity closes it.
+            reach: time within which it would close, s.
         """
         jacobian, address = sparse_jacobian(self._model, data), data.contact.efc_address
-        if self._surfaces is not None and self._surfaces.move:  # what comes near need not move itself
+        if self._surfaces is not None and self._surfaces.move:  # surfaces come near to bodies that do not move
             near = np.ones(data.nefc, dtype=bool)
         else:
             near = near_rows(data.efc_type, data.efc_pos, *jacobian, address, one, other, reach)
         return self.without_tied(data, near)
 
     def without_tied(self, data: mujoco.MjData, near: np.ndarray) -> np.ndarray:
-        """Return which rows are near, bool (nefc,), those of contacts left out that `stepping.compiled.ties` finds."""
+        """Return which rows are near, bool (nefc,), without contacts that `stepping.compiled.ties` finds tied."""
         if data.ne and data.ncon:
             address = data.contact.efc_address
             jacobian = sparse_jacobian(self._model, data)
@@ -65,7 +65,7 @@ class RowReader:
         """Return the rows of the groups that are near.
 
         Args:
-            data: contacts current.
+            data: the state with current contacts.
             near: see `near`.
             start: velocity at the start of the step, (nv,).
             free: velocity without contact, (nv,).
@@ -87,7 +87,7 @@ class RowReader:
         return rows
 
     def _add_surfaces(self, surfaces: Surfaces, data: mujoco.MjData, rows: Rows, h: float) -> None:
-        """Add the velocities of mocap bodies to those of the rows of contacts."""
+        """Add the velocities of mocap bodies to the velocities of contact rows."""
         contact = data.contact
         seen = Contacts((), contact.geom, contact.dist, contact.pos, contact.frame[:, :3])
         end = data.time

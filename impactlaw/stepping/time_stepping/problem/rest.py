@@ -1,6 +1,6 @@
-"""Contacts of bodies at rest: a tiny gap is none, for to close it would keep them in motion.
+"""Treat tiny gaps of bodies at rest as closed, since closing them would keep the bodies in motion.
 
-In piles MuJoCo's points of contact jump from step to step, and gaps of 1e-7 m come and go with them.
+In piles, MuJoCo's contact points jump from step to step, and gaps of 1e-7 m come and go with them.
 """
 
 from __future__ import annotations
@@ -9,14 +9,14 @@ from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import clear, plain
 
 TOUCHING = 1e-6
-"""Gap, m or rad, up to which bodies at rest touch: in piles, points of contact jump by more from step to step."""
+"""Gap, m or rad, up to which bodies at rest touch; contact points in piles jump by more from step to step."""
 _RESTING = 1e-2
-"""Kinetic energy up to which bodies are at rest, as a part of what forces make of rest within a step."""
+"""Kinetic energy up to which bodies are at rest, relative to the energy that forces add to rest within a step."""
 
 
 @plain
 def _write_energies(before, free, factor, Mnnz, Madr, Mcol, inverse, tree, now, added):
-    """Write ``v^T M_h v`` of each tree of bodies at the start, and of what forces add without contact."""
+    """Write ``v^T M_h v`` of each tree of bodies at the start, and the same for the velocity that forces add."""
     clear(now)
     clear(added)
     for i in range(len(before)):
@@ -30,24 +30,24 @@ def _write_energies(before, free, factor, Mnnz, Madr, Mcol, inverse, tree, now, 
 
 @plain
 def close_tiny_gaps(rows, before, free, factor, Mnnz, Madr, Mcol, inverse, tree, touching, now, added):
-    """Let contacts and limits of bodies at rest touch, gap 0, whose gap is up to `touching`.
+    """Set to 0 the gaps, up to `touching`, of contacts and limits of bodies at rest.
 
-    A tree of bodies is at rest where ``v^T M_h v < 0.01 w^T M_h w``, w what forces add to the velocity v in the step
-    without contact.
+    A tree of bodies is at rest if ``v^T M_h v < 0.01 w^T M_h w``, where w is what forces add to the velocity v in the
+    step without contact.
 
     Args:
         rows: see `rows.Rows`; gaps are written.
         before: v, at the start of the step, (nv,).
         free: v + w, (nv,).
-        factor: L of ``M_h = L^T D L``, like the four that follow in MuJoCo's layout.
-        Mnnz: entries of each row of M.
-        Madr: where they begin.
-        Mcol: their columns, the diagonal last.
+        factor: L of ``M_h = L^T D L``, like the next four in MuJoCo's layout.
+        Mnnz: number of entries of each row of M.
+        Madr: index of the first entry of each row.
+        Mcol: column of each entry, the diagonal last.
         inverse: ``1 / D``, (nv,).
-        tree: of each degree of freedom, (nv,).
-        touching: m or rad.
-        now: room, (ntree,) at least.
-        added: the same.
+        tree: tree of each degree of freedom, (nv,).
+        touching: largest gap that is closed, m or rad.
+        now: scratch space, at least (ntree,).
+        added: scratch space, at least (ntree,).
     """
     known = False
     for g in range(len(rows.key)):

@@ -1,8 +1,8 @@
-"""The rows of one step: MuJoCo's constraint rows, whitened and grouped into contacts, limits, equalities, dry friction.
+"""The rows of a step: MuJoCo's rows, whitened and grouped into contacts, limits, equalities and dry friction.
 
-The mass matrix of a step is the one of its integrator, ``M_h = M + h B`` where damping B is implicit, which MuJoCo
-keeps as ``M_h = L^T D L``. A row of ``Y = J L^-1 D^-1/2`` is the gradient where the kinetic metric of the step is the
-Euclidean one: ``Y Y^T = J M_h^-1 J^T``, the Delassus matrix.
+The mass matrix of a step is that of its integrator, ``M_h = M + h B`` with implicit damping B, which MuJoCo keeps as
+``M_h = L^T D L``. A row of ``Y = J L^-1 D^-1/2`` is the gradient in coordinates in which the kinetic metric of the step
+is the Euclidean one: ``Y Y^T = J M_h^-1 J^T`` is the Delassus matrix.
 """
 
 from __future__ import annotations
@@ -19,27 +19,27 @@ from impactlaw.stepping.compiled.whitening import whiten
 from impactlaw.stepping.time_stepping.problem.rest import close_tiny_gaps
 
 NEAR = 1e-5
-"""Gap, m or rad, up to which a contact takes part whatever its velocity."""
+"""Gap, m or rad, up to which a contact takes part at any velocity."""
 
 _EQUALITY, _LOSS, _LIMIT, _ELLIPTIC = 0, (1, 2), (3, 4), 7  # mjtConstraint
 
 
 class Rows(NamedTuple):
-    """The rows of a step, group by group; a group is a contact, a limit, a row of an equality or of dry friction.
+    """The rows of a step, group by group; a group is a contact, a limit, or a row of an equality or of dry friction.
 
     Attributes:
-        sparse: entries of each row of Y, where they begin, and MuJoCo's row, int32 (3, n).
-        colind: degrees of freedom of the entries, int32.
+        sparse: number of entries of each row of Y, index of the first entry, and MuJoCo's row, int32 (3, n).
+        colind: degree of freedom of each entry, int32.
         value: the entries.
         groups: first row, number of rows, kind (`BILATERAL`, `BOX`, `CONE`) and source of each group, int32 (4, g). The
-            source is the number of a contact among MuJoCo's, ``-2 - row`` for a limit, and -1 for anything else.
-        key: what tells a group from others from step to step, int64 (g,).
-        amounts: of each group the gap, m or rad, and the largest impulse of dry friction, N s, or the compliance that
-            an equality has where it does not keep its velocity in a collision, (2, g).
-        rates: of each row, (7, n): the coefficient of friction of a row of friction, else 1; ``J v``, the velocity at
-            the start of the step, m/s or rad/s; ``J v_free``, to which the forces without contact lead; the velocity
-            at which an equality is met; its compliance R, 0 for what is rigid; and t and d of the step before, see
-            `turns`, NaN where there are none.
+            source is the index of a contact among MuJoCo's, ``-2 - row`` for a limit, and -1 for other groups.
+        key: identifies a group from step to step, int64 (g,).
+        amounts: for each group the gap, m or rad, and a second number, (2, g): the largest impulse of dry friction, N
+            s, or the compliance of an equality that does not keep its velocity in a collision.
+        rates: for each row, (7, n): the coefficient of friction of a friction row, else 1; ``J v``, the velocity at the
+            start of the step, m/s or rad/s; ``J v_free``, the velocity without contact; the velocity at which an
+            equality is satisfied; its compliance R, 0 for rigid rows; and t and d of the last step, see `turns`, NaN if
+            there are none.
     """
 
     sparse: np.ndarray
@@ -57,7 +57,7 @@ class Rows(NamedTuple):
 
     @property
     def size(self) -> np.ndarray:
-        """Rows of each group, int32 (g,)."""
+        """Number of rows of each group, int32 (g,)."""
         return self.groups[1]
 
     @property
@@ -77,12 +77,12 @@ class Rows(NamedTuple):
 
     @property
     def row(self) -> np.ndarray:
-        """MuJoCo's row of each row, int32 (n,)."""
+        """MuJoCo's row for each row, int32 (n,)."""
         return self.sparse[2]
 
     @property
     def scale(self) -> np.ndarray:
-        """Coefficient of friction of rows of friction, else 1, (n,)."""
+        """Coefficient of friction of friction rows, else 1, (n,)."""
         return self.rates[0]
 
     @property
@@ -103,9 +103,9 @@ class Rows(NamedTuple):
 
 @plain
 def find_group(key, known_key, at):
-    """Return which of the groups of another step has a key, -1 if none has.
+    """Return the index of the group of another step that has this key, or -1.
 
-    The search begins at a place, after the last match: so groups of one key are matched in their order.
+    The search begins at the place after the last match, so that groups with equal keys are matched in order.
     """
     m = len(known_key)
     for step in range(m):
@@ -117,7 +117,7 @@ def find_group(key, known_key, at):
 
 @plain
 def _group(kinds, dim, friction, number, row, frictional):
-    """Return the kind of the group that begins at a row, and its rows, those without friction left out."""
+    """Return kind, number of rows without those of no friction, and number of MuJoCo's rows of the group at a row."""
     kind = kinds[row]
     if kind == 0:
         return BILATERAL, 1, 1
@@ -129,7 +129,7 @@ def _group(kinds, dim, friction, number, row, frictional):
     rows = 1
     if frictional:
         for k in range(dim[contact] - 1):
-            rows += not friction[contact, k] <= NO_FRICTION  # NaN counts: the step fails, rather than go on without
+            rows += not friction[contact, k] <= NO_FRICTION  # NaN counts: the step must fail, not ignore it
     return CONE, rows, dim[contact]
 
 
@@ -146,7 +146,7 @@ def _is_near(row, position, Jnnz, Jadr, Jcol, J, one, other, reach):
 
 @plain
 def find_near(kinds, position, Jnnz, Jadr, Jcol, J, address, one, other, reach, near):
-    """Write what `near_rows` returns, bool (nefc,)."""
+    """Write the result of `near_rows`, bool (nefc,)."""
     for row in range(len(kinds)):
         near[row] = kinds[row] <= 2
         if kinds[row] == 3 or kinds[row] == 4:
@@ -160,20 +160,20 @@ def find_near(kinds, position, Jnnz, Jadr, Jcol, J, address, one, other, reach, 
     "(int32[::1],float64[::1],int32[::1],int32[::1],int32[::1],float64[::1],int32[:],float64[::1],float64[::1],float64)"
 )
 def near_rows(kinds, position, Jnnz, Jadr, Jcol, J, address, one, other, reach):
-    """Return which of MuJoCo's rows begin a contact or limit that is in touch, or would be soon, bool (nefc,).
+    """Return which of MuJoCo's rows begin a contact or limit that is closed or would soon be, bool (nefc,).
 
-    That is, ``gap + reach min(J v, 0) < 0`` with one of two velocities. Rows of anything else are among them.
+    The condition is ``gap + reach min(J v, 0) < 0`` for one of two velocities. All rows of other kinds are included.
 
     Args:
-        kinds: of rows, (nefc,).
+        kinds: kinds of the rows, (nefc,).
         position: gaps, (nefc,).
-        Jnnz: entries of rows of J.
-        Jadr: where they begin.
-        Jcol: their degrees of freedom.
+        Jnnz: number of entries of each row of J.
+        Jadr: index of the first entry of each row.
+        Jcol: degree of freedom of each entry.
         J: the entries.
         address: first rows of contacts, (ncon,).
-        one: velocity, (nv,).
-        other: another one, (nv,).
+        one: a velocity, (nv,).
+        other: another velocity, (nv,).
         reach: time, s.
     """
     near = np.empty(len(kinds), np.bool_)
@@ -183,7 +183,7 @@ def near_rows(kinds, position, Jnnz, Jadr, Jcol, J, address, one, other, reach):
 
 @plain
 def count_groups(kinds, number, dim, friction, near, frictional):
-    """Return how many groups take part, and how many rows they have."""
+    """Return the number of groups that take part, and the number of their rows."""
     groups, rows, row = 0, 0, 0
     while row < len(kinds):
         _, size, step = _group(kinds, dim, friction, number, row, frictional)
@@ -196,7 +196,7 @@ def count_groups(kinds, number, dim, friction, near, frictional):
 
 @plain
 def entries_of(Jnnz, Jadr, Jcol, J, tree, treenum, mark):
-    """Return how many entries all rows can have when they are whitened; there are marks of trees, False."""
+    """Return the largest number of entries of all rows after whitening; ``mark`` is False for each tree."""
     entries = 0
     for row in range(len(Jnnz)):
         for k in range(Jadr[row], Jadr[row] + Jnnz[row]):
@@ -211,7 +211,7 @@ def entries_of(Jnnz, Jadr, Jcol, J, tree, treenum, mark):
 
 @plain
 def _side(Jnnz, Jadr, J, row):
-    """Return 2 where a row has one entry, which is positive, else 0: so the two limits of a slide or hinge differ."""
+    """Return 2 for a row with a single, positive entry, else 0; this distinguishes both limits of a slide or hinge."""
     entries, side = 0, 0
     for k in range(Jadr[row], Jadr[row] + Jnnz[row]):
         if J[k] != 0.0:
@@ -224,7 +224,7 @@ def _side(Jnnz, Jadr, J, row):
 def _write_group(
     rows, g, r, row, size, kind, kinds, number, position, regularizer, loss, geoms, timestep, Jnnz, Jadr, J
 ):  # fmt: skip
-    """Write all of a group, which begins at one of MuJoCo's rows, but its rows."""
+    """Write everything of a group that begins at one of MuJoCo's rows, except its rows."""
     rows.groups[0, g], rows.groups[1, g], rows.groups[2, g], rows.groups[3, g] = r, size, kind, -1
     side = _side(Jnnz, Jadr, J, row) if kinds[row] in _LIMIT else 0
     rows.key[g] = -1 - (np.int64(number[row]) * 8 + kinds[row] + side)
@@ -242,12 +242,12 @@ def _write_group(
 def _write_rates(
     rows, r, i, kind, scale, velocity, reference, regularizer, Jnnz, Jadr, Jcol, J, before, free, timestep
 ):
-    """Write the rates of a row, which is one of MuJoCo's."""
+    """Write the rates of one of MuJoCo's rows."""
     was, led, some = 0.0, 0.0, len(velocity) > 0
     for a in range(Jadr[i], Jadr[i] + Jnnz[i]):
         was += J[a] * before[Jcol[a]]
         led += J[a] * free[Jcol[a]]
-    if kind == CONE and some:  # MuJoCo's has the velocity of belts in it
+    if kind == CONE and some:  # MuJoCo's velocity includes that of belts
         led += velocity[i] - was
         was = velocity[i]
     rows.rates[0, r], rows.rates[1, r], rows.rates[2, r] = scale, was, led
@@ -262,9 +262,9 @@ def write_rows(
     Mnnz, Madr, Mcol, factor, inverse, tree, treeadr, treenum, before, free, near, timestep, frictional,
     touching, mark, room, rows,
 ):  # fmt: skip
-    """Write what `read_rows` returns, and return the number of entries.
+    """Write the result of `read_rows`, and return the number of entries.
 
-    There are marks of trees, False, and room for (2 nv,).
+    ``mark`` is False for each tree, and ``room`` is scratch space, (2 nv,).
     """
     root, work = room[: len(before)], room[len(before) : 2 * len(before)]
     for i in range(len(before)):
@@ -301,7 +301,7 @@ def write_rows(
 
 
 @compiled(
-    # MuJoCo's arrays of contacts have gaps between entries, but numpy says otherwise where there is only one contact
+    # MuJoCo's arrays of contacts are strided, but with a single contact numpy reports them as contiguous
     "(int32[::1],int32[::1],float64[::1],float64[::1],float64[::1],float64[::1],float64[::1],"
     "int32[::1],int32[::1],int32[::1],float64[::1],int32[:],int32[:],int32[:,:],float64[:,:],"
     "int32[::1],int32[::1],int32[::1],float64[::1],float64[::1],int32[::1],int32[::1],int32[::1],"
@@ -314,10 +314,11 @@ def read_rows(
     Mnnz, Madr, Mcol, factor, inverse, tree, treeadr, treenum,
     before, free, near, timestep, frictional, touching,
 ):  # fmt: skip
-    """Return what `Rows` holds, as a tuple in its order; the arguments are MuJoCo's arrays of now.
+    """Return the fields of `Rows` as a tuple, in order; the arguments are MuJoCo's current arrays.
 
-    Only groups whose first row is ``near`` take part. Dense rows are given as sparse ones with all entries.
-    Without velocities of rows, (0,), those of belts are left out. Up to a gap `touching`, m, bodies at rest touch.
+    Only groups whose first row is ``near`` take part. Dense rows are given as sparse rows with all entries. If the
+    velocities of rows are empty, (0,), velocities of belts are left out. Bodies at rest touch up to a gap `touching`,
+    m.
     """
     mark = cleared(len(treeadr))
     groups, count = count_groups(kinds, number, dim, friction, near, frictional)

@@ -1,4 +1,4 @@
-"""What a step has seen of its contacts, kept for laws, events and whoever reads them."""
+"""The contacts that a step has seen, kept for laws, events and other readers."""
 
 from __future__ import annotations
 
@@ -22,27 +22,27 @@ _ROUNDING = 1e-12
 
 
 def in_order(rows: Rows, chosen: np.ndarray) -> np.ndarray:
-    """Return the groups of a mask, bool (g,), contacts by their geoms and then limits, int (k,)."""
+    """Return the groups of a mask, bool (g,), sorted: contacts by their geoms, then limits, int (k,)."""
     groups = np.flatnonzero(chosen)
     return groups[np.lexsort((rows.key[groups], rows.source[groups] < 0))]
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """Contacts, rows and inertia of the middle of a step, copied.
+    """Copies of contacts, rows and inertia in the middle of a step.
 
     Attributes:
         model: the scene, for the sparsity of its mass matrix.
-        names: of all geoms, as in contact labels.
-        limits: of joints and tendons.
-        rows: of the step.
-        kept: which of its groups are equality constraints that collisions must not violate, bool (g,).
-        number: which constraint each of these is of.
-        given: how far they have given way, m or rad.
-        geoms: of MuJoCo's contacts, (ncon, 2).
-        frame: of these, normals first, (ncon, 9).
-        position: of these, m, (ncon, 3).
-        limit_state: of joints and tendons, where some limit is among the rows.
+        names: names of all geoms, as in contact labels.
+        limits: the limits of joints and tendons.
+        rows: the rows of the step.
+        kept: which groups are equality constraints that collisions must not violate, bool (g,).
+        number: the equality constraint that each of these groups belongs to.
+        given: how far these constraints are violated, m or rad.
+        geoms: geoms of MuJoCo's contacts, (ncon, 2).
+        frame: frames of the contacts, normals first, (ncon, 9).
+        position: contact points, m, (ncon, 3).
+        limit_state: state of joints and tendons, if the rows include a limit.
         factor: L of ``M_h = L^T D L``.
         inverse: ``1 / D``, (nv,).
     """
@@ -72,7 +72,7 @@ class Seen:
         limits: Limits,
         metric: tuple[np.ndarray, np.ndarray],
     ) -> Seen:
-        """Return what is seen now."""
+        """Return copies of the current contacts, rows and inertia."""
         contact = data.contact
         state = LimitState.of(data) if np.count_nonzero(rows.source < -1) else None
         equal = rows.row[rows.first[kept]]
@@ -81,7 +81,7 @@ class Seen:
         return cls(model, names, limits, rows, kept, *ties, *copies, state, metric[0].copy(), metric[1].copy())
 
     def contacts(self, groups: np.ndarray) -> Contacts:
-        """Return some groups, contacts first and then limits, int (h,), as contacts."""
+        """Return some groups as contacts; their indices, int (h,), begin with contacts and end with limits."""
         source = self.rows.source[groups]
         index = source[source >= 0]
         codes = self._limit_codes(source[source < -1])
@@ -98,12 +98,12 @@ class Seen:
         return Contacts(tuple(labels), geoms, self.rows.gap[groups], position, normal)
 
     def _limit_codes(self, source: np.ndarray) -> np.ndarray:
-        """Return which limits these sources of groups are, int (l,)."""
+        """Return the limits that these sources of groups stand for, int (l,)."""
         state = self.limit_state
         return np.array([] if state is None else [self.limits.code(state, row) for row in (-2 - source).tolist()], int)
 
     def tangential(self, groups: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rows of friction of some groups, int (k,), and the contact of each among these, int (k,)."""
+        """Return the friction rows of some groups, int (k,), and the index of the group of each row, int (k,)."""
         first, more = self.rows.first[groups], self.rows.size[groups] - 1
         contact = np.repeat(np.arange(len(groups)), more)
         return first[contact] + 1 + np.arange(len(contact)) - np.repeat(np.cumsum(more) - more, more), contact
@@ -119,7 +119,7 @@ class Seen:
     ) -> Collision:
         """Return the collision of some groups, int (h,), at v-, (nv,).
 
-        It is beside the equality constraints that collisions must not violate, or those of them that act, bool (g,).
+        It includes the equality constraints that collisions must not violate, or only those that act, bool (g,).
         """
         rows, friction_of_rows = self.rows, None
         first, (tangential, contact) = rows.first[groups], self.tangential(groups)
@@ -141,11 +141,11 @@ class Seen:
 
     @cached_property
     def _constraints(self) -> np.ndarray | None:
-        """Gradients of the equality constraints that count, (k, nv)."""
+        """Gradients of the equality constraints to be respected, (k, nv)."""
         return self._constraints_of(np.ones(len(self.number), dtype=bool))
 
     def _constraints_of(self, acts: np.ndarray) -> np.ndarray | None:
-        """Return `_constraints` where only some may count, bool (m,)."""
+        """Return `_constraints` for those equality constraints that act, bool (m,)."""
         first = self.rows.first[self.kept]
         if not len(first):
             return None
@@ -172,7 +172,7 @@ class Seen:
         return self.model.M_rownnz, self.model.M_rowadr, self.model.M_colind
 
     def _gradients(self, which: np.ndarray) -> np.ndarray:
-        """Return some rows of J, (k, nv)."""
+        """Return rows of J, (k, nv)."""
         rows = self.rows
         return gradients(
             which.astype(np.int64),
@@ -187,7 +187,7 @@ class Seen:
 
 
 def _beside(velocity: np.ndarray, own: np.ndarray) -> np.ndarray:
-    """Return what moving surfaces add to velocities of rows, 0 where it is rounding."""
+    """Return the velocities of rows due to moving surfaces; rounding is set to 0."""
     drift = velocity - own
     drift[np.abs(drift) <= _ROUNDING * np.abs(velocity).max(initial=0.0)] = 0.0
     return drift

@@ -1,4 +1,4 @@
-"""What contact velocities a step aims at: the law's where contacts collide, elsewhere just not through the surface."""
+"""The contact velocities that a step aims at: the law's for colliding contacts, else no penetration at its end."""
 
 from __future__ import annotations
 
@@ -12,24 +12,27 @@ from impactlaw.stepping.time_stepping.problem.rows import NEAR
 from impactlaw.stepping.time_stepping.problem.turns import SMOOTH
 
 _RESTING = 1e-6
-"""Part of the largest contact velocity up to which a contact in touch does not separate."""
+"""Part of the largest contact velocity up to which a closed contact does not separate."""
 _ROUNDED = 1.0 + 1e-9
-"""Part of what forces make up to which a contact does not collide.
+"""Factor on the velocity that forces account for, up to which a contact does not collide.
 
-A body that has stopped a little above the floor falls on at just this speed, and rounding must not decide which of its
-corners collide."""
+A body that has stopped slightly above the floor falls on at exactly this speed, and rounding must not decide which of
+its corners collide.
+"""
 
 _OPEN = 0.1
-"""Part of the way of a timestep, at the speed that is the turn of the gradient, up to which contact that goes on is
-open: what flies from one side to the other in a step is farther away."""
+"""Gap above which a persistent contact is open, relative to the way in a timestep at the speed of the gradient's turn.
+
+A body that flies from one side to the other within a step has a larger gap.
+"""
 
 _JUST = 1.0 - 1e-9
-"""Part of the way of a timestep that a contact has at most that closes within it, but for rounding."""
+"""Largest gap of a contact that closes within a timestep, relative to its way in that time, except for rounding."""
 
 
 @plain
 def aim(groups, amounts, rates, timestep, restitution, slowest, resolved, may, target, collides):
-    """Write what `contact_targets` returns, (g,) each, and return whether some contact collides."""
+    """Write the result of `contact_targets`, (g,) each, and return whether any contact collides."""
     some = False
     for g in range(len(target)):
         target[g], collides[g] = 0.0, False
@@ -52,7 +55,7 @@ def aim(groups, amounts, rates, timestep, restitution, slowest, resolved, may, t
 
 @plain
 def write_closing(groups, amounts, rates, timestep, collided):
-    """Do what `keep_closing` does."""
+    """Write the result of `keep_closing`."""
     for g in range(len(collided)):
         led = rates[2, groups[0, g]]
         if collided[g] and led < 0.0:
@@ -61,41 +64,44 @@ def write_closing(groups, amounts, rates, timestep, collided):
 
 @compiled()
 def keep_closing(groups, amounts, rates, timestep, collided):
-    """Let contacts that have collided still close within the step, with the velocity without contact of now.
+    """Reduce gaps so that contacts that have collided still close within the step at the velocity without contact.
 
-    Forces that change with the collision can lead to a velocity that closes them a little later. Without the collision
-    they would lead to one that closes them in time, so that neither would be right.
+    Forces that change with the collision can lead to a velocity that closes a contact slightly too late. Without the
+    collision they would lead to a velocity that closes it in time, so that neither answer would be consistent.
 
     Args:
-        groups: see `rows.Rows`, like the two that follow; gaps in `amounts` are written.
+        groups: see `rows.Rows`, like the next two; gaps in `amounts` are written.
         amounts: gaps first.
         rates: velocities without contact third.
         timestep: h, s.
-        collided: bool (g,).
+        collided: which groups have collided, bool (g,).
     """
     write_closing(groups, amounts, rates, timestep, collided)
 
 
 @compiled()
 def contact_targets(groups, amounts, rates, timestep, restitution, slowest, resolved, may):
-    """Return the targets of Moreau's and Jean's scheme, and which contacts collide.
+    """Return the targets of the scheme of Moreau and Jean, and which contacts collide.
 
     A contact collides if it approaches, ``gamma- < -threshold``, and is closed, or would be before the next look at
-    contacts, ``gap + h gamma_free < 0``. Then ``gamma^h = -e gamma-``. Any other may come as close as to touch,
-    ``gamma^h = -gap / h`` while it is open and 0 when it is not. One that goes on, and approaches more slowly than
-    ``resolved`` because its gradient turns by ``d < 0`` much as in the step before (`turns`), has ``-d / 2`` added to
-    that, between ``-e gamma-`` and ``-gamma-`` so that no energy comes of it, and does not collide. The threshold is
-    what forces make of a contact at rest within a step, ``h |J a|``, but at most ``resolved``, and at least
-    ``slowest``: slower collisions are not resolved.
+    contacts, ``gap + h gamma_free < 0``. Its target is ``gamma^h = -e gamma-``. Any other contact may close but not
+    penetrate: ``gamma^h = -gap / h`` if it is open, and 0 if it is closed.
+
+    A persistent contact may approach only because its gradient turns by ``d < 0``, much as in the last step (`turns`).
+    If it approaches more slowly than ``resolved``, it does not collide, and ``-d / 2`` is added to its target, limited
+    to the range from ``-e gamma-`` to ``-gamma-`` so that no energy is created.
+
+    The threshold is the velocity that forces give a contact at rest within a step, ``h |J a|``, but at most
+    ``resolved``, and at least ``slowest``: slower collisions are not resolved.
 
     Args:
-        groups: see `rows.Rows`, like the two that follow.
+        groups: see `rows.Rows`, like the next two.
         amounts: gaps first.
         rates: velocities of rows at the start of the step, and without contact; their turns.
         timestep: h, s.
         restitution: e.
         slowest: least threshold, m/s or rad/s.
-        resolved: what forces make counts up to this.
+        resolved: largest velocity that is attributed to forces.
         may: which groups may collide, bool (g,).
 
     Returns:
@@ -108,13 +114,13 @@ def contact_targets(groups, amounts, rates, timestep, restitution, slowest, reso
 
 @plain
 def write_offsets(groups, rates, target, sliding, b):
-    """Write b of the problem ``u = Y Y^T x + c x + b``, (n,): velocities without contact, less those aimed at.
+    """Write b of the problem ``u = Y Y^T x + c x + b``, (n,): velocities without contact minus target velocities.
 
     Args:
         groups: see `rows.Rows`.
         rates: see `rows.Rows`.
         target: ``gamma^h``, (g,).
-        sliding: sliding velocities aimed at, (n,).
+        sliding: target sliding velocities, (n,).
         b: written.
     """
     for g in range(groups.shape[1]):
@@ -129,7 +135,7 @@ def write_offsets(groups, rates, target, sliding, b):
 
 @plain
 def reach(groups, sparse, colind, amounts, rates, tree, collides, pushed, mark, reached):
-    """Write what `reached_groups` returns to False, (g,); there are marks of trees, False."""
+    """Write the result of `reached_groups` to an array of False, (g,); ``mark`` is False for each tree."""
     fastest = 0.0
     for g in range(len(collides)):
         fastest = max(fastest, abs(rates[1, groups[0, g]]))
@@ -154,20 +160,20 @@ def reach(groups, sparse, colind, amounts, rates, tree, collides, pushed, mark, 
 
 @compiled()
 def reached_groups(groups, sparse, colind, amounts, rates, tree, collides, pushed):
-    """Return which contacts collide, or are reached by these through others and do not separate, bool (g,).
+    """Return which contacts collide, or are reached by collisions through others and do not separate, bool (g,).
 
     A contact is reached if it touches a kinematic tree that an impulse can reach. It does not separate if its velocity
-    says so, or if it is pushed.
+    shows that, or if it is pushed.
 
     Args:
-        groups: see `rows.Rows`, like the four that follow.
-        sparse: where rows begin and how long they are.
-        colind: degrees of freedom of their entries.
+        groups: see `rows.Rows`, like the next four.
+        sparse: length and first entry of each row.
+        colind: degree of freedom of each entry.
         amounts: gaps first.
         rates: velocities at the start of the step second.
-        tree: of each degree of freedom, (nv,).
-        collides: bool (g,).
-        pushed: bool (g,).
+        tree: tree of each degree of freedom, (nv,).
+        collides: which groups collide, bool (g,).
+        pushed: which groups are pushed, bool (g,).
     """
     reached = np.zeros(len(collides), np.bool_)
     reach(groups, sparse, colind, amounts, rates, tree, collides, pushed, cleared(trees_of(tree)), reached)
@@ -176,7 +182,7 @@ def reached_groups(groups, sparse, colind, amounts, rates, tree, collides, pushe
 
 @plain
 def _is_nearly_closed(groups, amounts, collides, target):
-    """Return whether some contact in touch has a gap, and does not collide."""
+    """Return whether some closed contact still has a gap, and does not collide."""
     for g in range(len(target)):
         if groups[2, g] == CONE and not collides[g] and target[g] < 0.0 and amounts[0, g] <= NEAR:
             return True
@@ -192,9 +198,9 @@ def _close(reached, collides, target):
 
 @compiled()
 def close_gaps(groups, sparse, colind, amounts, rates, tree, collides, target):
-    """Let contacts in touch that a collision reaches stay closed, ``gamma^h = 0``, however small their gap is.
+    """Keep closed contacts that a collision reaches closed, ``gamma^h = 0``, however small their gap is.
 
-    ``target``, (g,), is written; for the others see `reached_groups`.
+    ``target``, (g,), is written. For the other arguments see `reached_groups`.
     """
     if not _is_nearly_closed(groups, amounts, collides, target):
         return

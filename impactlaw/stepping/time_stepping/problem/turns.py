@@ -1,9 +1,9 @@
-"""What the gradients of closed contacts turn from step to step: contact that goes on, and does not collide.
+"""Turns of the gradients of closed contacts from step to step: a persistent contact that does not collide.
 
-A contact whose impulse acts in a step ends it with the velocity that it aims at, ``t = J v+``. In the middle of the
-next step its gradient has turned, and ``gamma- = J' v+ = t + d`` with the turn d, about ``h v^T J_q v``: the bob of a
-taut rope of length L closes it by ``h v^2 / L`` in every step. Where a surface moves, what its velocity changes is
-in d, too.
+A contact whose impulse acts in a step ends it at its target velocity, ``t = J v+``. In the middle of the next step its
+gradient has turned, and ``gamma- = J' v+ = t + d`` with the turn d, about ``h v^T J_q v``. For example, the bob of a
+taut rope of length L closes the contact by ``h v^2 / L`` in every step. The change of a moving surface's velocity is
+included in d.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.stepping.time_stepping.problem.rows import find_group
 
 SMOOTH = 0.25
-"""Part of what a gradient turns in a step by which that changes at most from step to step where contact goes on."""
+"""Largest change of the turn d from step to step, relative to d, at which a contact counts as persistent."""
 _STICKS = 1.0 - 1e-9
-"""Part of the friction that a contact can have up to which it sticks."""
+"""Part of the available friction up to which a contact sticks."""
 
 
 @plain
 def write_recalled(groups, key, rates, known_groups, known_key, known_turns):
-    """Do what `recall_turns` does."""
+    """Write the result of `recall_turns`."""
     at = 0
     for g in range(len(key)):
         j = find_group(key[g], known_key, at)
@@ -36,24 +36,24 @@ def write_recalled(groups, key, rates, known_groups, known_key, known_turns):
 
 @compiled()
 def recall_turns(groups, key, rates, known_groups, known_key, known_turns):
-    """Write what `take_turns` has written in the step before, where the same group has as many rows, to `rates`.
+    """Copy the results of `take_turns` in the last step to `rates`, for groups that are the same and have as many rows.
 
-    Groups of one key are matched in their order, see `rows.find_group`.
+    Groups with equal keys are matched in order, see `rows.find_group`.
 
     Args:
-        groups: see `rows.Rows`, like the two that follow.
-        key: of groups.
-        rates: the last two of them are written; they are NaN before.
-        known_groups: groups of the step before.
-        known_key: keys of the step before.
-        known_turns: what `take_turns` has written then, (2, n).
+        groups: see `rows.Rows`, like the next two.
+        key: keys of groups.
+        rates: the last two rows are written; they are NaN before.
+        known_groups: groups of the last step.
+        known_key: keys of the last step.
+        known_turns: results of `take_turns` in the last step, (2, n).
     """
     write_recalled(groups, key, rates, known_groups, known_key, known_turns)
 
 
 @plain
 def write_turns(groups, rates, x, reached, sliding):
-    """Do what `take_turns` does."""
+    """Write the result of `take_turns`."""
     for g in range(len(reached)):
         row, end, friction = groups[0, g], groups[0, g] + groups[1, g], 0.0
         acts = groups[2, g] == CONE and x[row] > 0.0 and not np.isnan(reached[g])
@@ -68,21 +68,21 @@ def write_turns(groups, rates, x, reached, sliding):
 
 @compiled()
 def take_turns(groups, rates, x, reached, sliding):
-    """Write the velocities t that rows end a step with where an impulse keeps them there, and the turns d before it.
+    """Write the velocities t at which impulses hold rows at the end of a step, and the turns d before it.
 
     Args:
-        groups: see `rows.Rows`, like what follows.
-        rates: the last two of them are written: t and d, NaN where there is none.
+        groups: see `rows.Rows`, like the next one.
+        rates: the last two rows are written: t and d, NaN where there are none.
         x: impulses, (n,).
-        reached: targets of normal velocities, (g,); NaN where the step ends with other ones.
-        sliding: those of sliding velocities, (n,).
+        reached: targets of normal velocities, (g,); NaN where the step ends with another velocity.
+        sliding: targets of sliding velocities, (n,).
     """
     write_turns(groups, rates, x, reached, sliding)
 
 
 @plain
 def write_sliding(groups, rates, resolved, sliding):
-    """Do what `keep_sticking` does."""
+    """Write the result of `keep_sticking`."""
     for g in range(groups.shape[1]):
         if groups[2, g] != CONE:
             continue
@@ -98,12 +98,12 @@ def write_sliding(groups, rates, resolved, sliding):
 
 @compiled()
 def keep_sticking(groups, rates, resolved, sliding):
-    """Let contacts that stick end a step without a collision with minus half of what their gradients turn, ``-d / 2``.
+    """Aim sticking contacts, in a step without a collision, at minus half of the turns of their gradients, ``-d / 2``.
 
     Args:
         groups: see `rows.Rows`.
         rates: see `rows.Rows`.
-        resolved: what gradients turn counts up to this, m/s.
-        sliding: sliding velocities aimed at, (n,), written.
+        resolved: largest turn that counts, m/s.
+        sliding: target sliding velocities, (n,), written.
     """
     write_sliding(groups, rates, resolved, sliding)

@@ -1,1 +1,1 @@
-"""Impulses of the problem of a step: solved, restitution scaled, and what contacts do made of them."""
+"""Solve the problem of a step for impulses, scale restitution, and derive what contacts do."""

@@ -1,4 +1,4 @@
-"""Contacts that influence each other, island by island: restitution that creates energy is scaled in its own island."""
+"""Scale restitution that creates energy separately for each island of contacts that influence each other."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from impactlaw.stepping.time_stepping.problem.solution.scaling import (
 
 @plain
 def _may_gain(groups, rates, after, x):
-    """Return whether some contact adds energy: if none does, no island does."""
+    """Return whether any contact adds energy; if none does, no island does."""
     for g in range(groups.shape[1]):
         if groups[2, g] == CONE:
             work, total = add_work(groups, rates[1], after, x, rates[0], g, 0.0, 0.0)
@@ -33,7 +33,7 @@ def _solve_part(
     sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, keep, tree, exact, dissipative,
     rounds, left, x, scaled,
 ):  # fmt: skip
-    """Do what `solve_contacts` does for an island, from x; write x, targets and sliding velocities of its groups."""
+    """Solve the problem of one island, starting from x; write x, targets and sliding velocities of its groups."""
     part, place = some_groups(sparse, colind, value, groups, key, amounts, rates, keep)
     table, columns, values, kinds, _, gaps, own = part
     n, h, at = len(place), kinds.shape[1], 0
@@ -65,13 +65,13 @@ def _solve_parts(
     sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, tree, exact, dissipative, rounds,
     left, found, x, z, after, scaled,
 ):  # fmt: skip
-    """Do what `solve_contacts` does island by island, where `solve_whole` has found that energy is created, or jams.
+    """Solve the problem island by island, if `solve_whole` has found that energy is created or bodies jam.
 
-    First in what is returned is whether there are several islands; with one, nothing is done.
+    The first result is whether there are several islands; with a single island, this function does nothing.
     """
     residual, _, jammed = found
     label, freedom = indices(groups.shape[1]), integers(len(tree))
-    for i in range(len(tree)):  # contacts of a tree that move nothing in common do not influence each other
+    for i in range(len(tree)):  # contacts of a tree without common degrees of freedom do not influence each other
         freedom[i] = i
     count = find_islands(sparse, colind, value, groups, rates, freedom, label)
     if count <= 1:
@@ -108,13 +108,13 @@ def solve_contacts(
 ):  # fmt: skip
     """Solve the problem of a step, with restitution scaled so that collisions create no energy.
 
-    ``0 <= Lambda  ⊥  J v+ - s gamma^h >= 0`` where contacts collide, with friction in its cones. What is written is
-    what `solve_scaled` writes, and what is left of the sliding velocities aimed at. Return s, the energy that the
-    collision would create with s = 1, J, and the natural map that is left, relative to the largest velocity. There is
-    one s for each island, unless contacts are judged `together`; what is returned is the least.
+    Colliding contacts satisfy ``0 <= Lambda  ⊥  J v+ - s gamma^h >= 0``, with friction in its cones. The outputs are
+    those of `solve_scaled`, and the remaining target sliding velocities. Return s, the energy that the collision would
+    create with s = 1, J, and the residual of the natural map, relative to the largest velocity. Each island has its own
+    s, unless contacts are judged `together`; the smallest s is returned.
 
-    With friction there may be no solution where bodies jam. Then s = 0, which mostly has one, or there is no friction.
-    The same holds where what was found creates energy.
+    With friction there may be no solution if bodies jam. Then s = 0 is tried, which mostly has a solution, and finally
+    the problem without friction. The same is done if the impulses found create energy.
     """
     found = solve_whole(
         sparse, colind, value, groups, amounts, rates, target, sliding, collides, tree, exact, rounds, left, x, z,

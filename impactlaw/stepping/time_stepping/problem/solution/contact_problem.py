@@ -1,4 +1,4 @@
-"""The problem of one step: impulses of contacts, limits, equalities and dry friction all at once, and what follows."""
+"""The problem of one step: impulses of contacts, limits, equalities and dry friction all at once."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from impactlaw.stepping.time_stepping.problem.rows import find_group
 from impactlaw.stepping.time_stepping.problem.targets import write_offsets
 
 TOLERANCE = 1e-10
-"""Natural map, relative to the largest velocity of the problem, that solvers aim at."""
+"""Residual of the natural map, relative to the largest velocity of the problem, that solvers aim at."""
 
 UNSOLVED = 1e-8
-"""Natural map above which normal velocities are corrected ..."""
-_CORRECTED = 1e-9  # ... up to this one ...
-_ONE = np.int64(1)  # ... in so many rounds of slower methods
+"""Residual of the natural map above which normal velocities are corrected ..."""
+_CORRECTED = 1e-9  # ... to this residual ...
+_ONE = np.int64(1)  # ... in this number of rounds of slower methods
 _CONVEX = np.bool_(False)
 
 
 @plain
 def guess(groups, key, scale, known_groups, known_key, known_scale, known, x):
-    """Write the impulses of the step before where the same group has as many rows, else zeros, (n,).
+    """Write the impulses of the last step for groups that are the same and have as many rows, else zeros, (n,).
 
-    Groups of one key are matched in their order, see `rows.find_group`.
+    Groups with equal keys are matched in order, see `rows.find_group`.
     """
     clear(x)
     at = 0
@@ -42,7 +42,7 @@ def guess(groups, key, scale, known_groups, known_key, known_scale, known, x):
 def shortfall(groups, rates, after, reached):
     """Return the largest amount by which a contact velocity misses its target, and the largest velocity of a row.
 
-    Both are NaN where a velocity is.
+    Both are NaN if any velocity is.
     """
     missed, fastest, total = 0.0, 0.0, 0.0
     for g in range(len(reached)):
@@ -57,14 +57,13 @@ def shortfall(groups, rates, after, reached):
 
 @kernel
 def correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, rounds, left, solution, jump):
-    """Make normal velocities of a solution and its z exact, and return the natural map of what was solved for that.
+    """Make normal velocities of a solution and its z exact; return the residual of the natural map of that problem.
 
-    Where that is more than `UNSOLVED`, nothing is changed.
+    If the residual is more than `UNSOLVED`, the solution is not changed.
 
-    Friction is held: cut to its cone, and the same in a solution.
-
-    It is what makes problems hard: what is left, ``0 <= Lambda_n  ⊥  u_n >= 0``, is convex. Without friction that is
-    the problem that was to be solved, and it is begun anew from rest.
+    Friction impulses are fixed, after being cut to their cones, because friction is what makes problems hard: the rest,
+    ``0 <= Lambda_n  ⊥  u_n >= 0``, is convex. Without friction this is the original problem, and it is solved again
+    from zero impulses.
     """
     x, offset, friction = copied(solution), copied(b), zeros(len(tree))
     for g in range(groups.shape[1]):
@@ -106,7 +105,7 @@ def correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, roun
 
 @kernel
 def without_friction(sparse, colind, value, groups, amounts, rates, b, tree, rounds, left, solution, jump):
-    """Overwrite a solution and its z by those without friction, and return whether normal velocities are met then."""
+    """Replace a solution and its z by those without friction, if these satisfy normal velocities; return whether."""
     x, z = zeros(len(b)), zeros(len(tree))
     reached = correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, rounds, left, x, z)
     if reached > UNSOLVED:
@@ -121,11 +120,11 @@ def solve_scaled(
     sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, tree, exact, rounds, left,
     x, z, after, scaled, room,
 ):  # fmt: skip
-    """Solve the problem of a step with all restitution of contacts that collide scaled by s.
+    """Solve the problem of a step with all restitution of colliding contacts scaled by s.
 
-    Written are impulses (n,), in units of the problem, which are a guess before; whitened jump of velocities (nv,);
-    velocities of rows afterwards (n,); the targets with s, (g,). There is room for (2 n,). Return the natural map that
-    is left, relative to the largest velocity.
+    Written are impulses (n,), in units of the problem, which are a guess on entry; the whitened jump of velocities
+    (nv,); the velocities of rows afterwards (n,); and the targets with s, (g,). ``room``, (2 n,), is scratch space.
+    Return the residual of the natural map, relative to the largest velocity.
     """
     aimed, b = room[: len(x)], room[len(x) : 2 * len(x)]
     put(scaled, target)
@@ -144,6 +143,6 @@ def solve_scaled(
     if residual > UNSOLVED or not is_met(*shortfall(groups, rates, after, scaled)):
         reached = correct_normals(sparse, colind, value, groups, amounts, rates, b, tree, rounds, left, x, z)
         row_velocities(sparse, colind, value, rates, z, after)
-        if reached <= UNSOLVED and len(x) == groups.shape[1]:  # no friction: that was all of the problem
+        if reached <= UNSOLVED and len(x) == groups.shape[1]:  # without friction, that was the whole problem
             residual = reached
     return residual

@@ -1,9 +1,9 @@
-"""Equality constraints whose drift would drive a collision: they are stops there, and add no energy.
+"""Equality constraints whose drift would drive a collision: they act as stops instead, and add no energy.
 
-An equality whose velocity changes from u- to u+ does the work ``Lambda (u- + u+) / 2``. Where it aims at its drift u-,
-or at less, it adds energy if contact pushes it the other way: a knob coupled 174 : 1 to a burner that its limit stops
-at 1 m/s would be thrown to 174 rad/s. Such an equality becomes an elastic stop at -u-. Before that is reached it has
-no impulse, and where it is, it does no work: contact moves it as it likes until its drift has turned around.
+An equality whose velocity changes from u- to u+ does the work ``Lambda (u- + u+) / 2``. If it aims at its drift u-, or
+at less, it adds energy when contact pushes it the other way: a knob coupled 174 : 1 to a burner that its limit stops
+at 1 m/s would be thrown to 174 rad/s. Such an equality becomes an elastic stop at -u-. Until the stop is reached it has
+no impulse, and when it is reached it does no work: contact moves it freely until its drift is reversed.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from impactlaw.stepping.time_stepping.problem.solution.apart import solve_contac
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import solve_scaled
 from impactlaw.stepping.time_stepping.tolerances import DRIVEN
 
-_GONE = 1e12  # compliance of an equality that does nothing, as a multiple of all that resists its impulses
-_TURNS = 8  # times at most that a problem is looked at for such equalities
+_GONE = 1e12  # compliance of an inactive equality, as a multiple of everything that resists its impulses
+_TURNS = 8  # largest number of times that a problem is searched for such equalities
 
 
 @plain
 def _work_of(groups, rates, base, after, x, g):
-    """Return ``Lambda^T (u + u+) / 2`` of one group, from velocities u."""
+    """Return ``Lambda^T (u + u+) / 2`` of one group, for velocities u."""
     work = 0.0
     for k in range(groups[0, g], groups[0, g] + groups[1, g]):
         work += 0.5 * x[k] * rates[0, k] * (base[k] + after[k])
@@ -31,7 +31,7 @@ def _work_of(groups, rates, base, after, x, g):
 
 @plain
 def _let_go(sparse, value, groups, rates, turned, x):
-    """Let equalities that have not reached their stop do nothing; return whether some did something."""
+    """Deactivate equalities that have not reached their stop; return whether any of them had an impulse."""
     some = False
     for g in range(len(turned)):
         row = groups[0, g]
@@ -53,10 +53,11 @@ def _some_work(groups, rates, after, x, bound, turned):
 
 @plain
 def _add_sums(sparse, value, groups, rates, after, x, collides, bound, label, sums):
-    """Add, island by island, (4, islands): work of such equalities, that with contact, energy of the fastest contact.
+    """Sum for each island, (4, islands): work of such equalities, work with contact, energy of the fastest contact.
 
-    Work with contact is from the velocity before, then from that to which forces alone lead: what carries a load while
-    something collides adds energy to the first only. Servos may drive a collision: what they do is left out.
+    Work with contact is taken both from the velocity before and from the velocity due to forces alone: an equality that
+    carries a load during a collision adds energy to the first only. Servos may drive a collision; their work is left
+    out.
     """
     for g in range(len(bound)):
         i = label[g]
@@ -74,10 +75,10 @@ def _add_sums(sparse, value, groups, rates, after, x, collides, bound, label, su
 
 @kernel
 def _turn(sparse, colind, value, groups, rates, tree, collides, bound, turned, x, after):
-    """Let equalities that add energy to a collision be stops; return whether there are more than before.
+    """Turn equalities that add energy to a collision into stops; return whether there are more of them than before.
 
-    They are where those of an island, and also they and its contacts, add more than `DRIVEN` of the energy with which
-    its fastest contact collides.
+    An equality becomes a stop if the equalities of its island, and also these together with its contacts, add more than
+    `DRIVEN` of the energy with which the fastest contact of the island collides.
     """
     many, label = groups.shape[1], indices(groups.shape[1])
     count = find_islands(sparse, colind, value, groups, rates, tree, label)
@@ -99,9 +100,10 @@ def _stop(
     sparse, colind, value, groups, amounts, rates, target, sliding, collides, bound, tree, exact, rounds, left,
     x, z, after, scaled, turned, room,
 ):  # fmt: skip
-    """Let equalities that would drive the collision, with all its restitution, be stops.
+    """Turn equalities that would drive the collision, with all its restitution, into stops.
 
-    Those that add energy only then follow. Impulses x are a guess of what solves it. There is room for (2 n,).
+    Equalities that add energy only because of these stops follow. Impulses x become a guess of the solution. ``room``,
+    (2 n,), is scratch space.
     """
     for _ in range(_TURNS):
         solve_scaled(
@@ -121,9 +123,10 @@ def solve_undriven(
     sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, bound, tree, exact, dissipative,
     together, rounds, left, x, z, after, scaled, turned, room,
 ):  # fmt: skip
-    """Do what `solve_contacts` does, where equalities that would drive the collision are stops.
+    """Solve the problem as `solve_contacts` does, with equalities that would drive the collision as stops.
 
-    Those are `bound`, (g,). There are zeros, (g,), and room for (4 n,).
+    Only the equalities in ``bound``, (g,), can become stops. ``turned``, (g,), is zero, and ``room``, (4 n,), is
+    scratch.
     """
     n = len(x)
     held, soft, rest = room[2 * n : 3 * n], room[3 * n : 4 * n], room[: 2 * n]

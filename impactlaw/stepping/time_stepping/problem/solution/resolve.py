@@ -1,4 +1,4 @@
-"""What the contacts of a step do: their problem solved from what is known, the velocity, and overlaps to be opened."""
+"""Resolve the contacts of a step: solve their problem, and compute the velocity and the opening of overlaps."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def _resolve(
     known_groups, known_key, known_scale, known, timestep, exact, dissipative, together, rounds, left, tree,
     factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z, turned, room,
 ):  # fmt: skip
-    """Do what `resolve` does, with zeros, (g,), and room for (5 n + 2 g + 2 nv,)."""
+    """Do the work of `resolve`; ``turned``, (g,), is zero, and ``room``, (5 n + 2 g + 2 nv,), is scratch space."""
     n, g, nv = len(x), len(target), len(z)
     after, root, w = room[:n], room[n : n + nv], room[n + nv : n + 2 * nv]
     need, push, rest = room[n + 2 * nv :][:g], room[n + 2 * nv + g :][:g], room[n + 2 * nv + 2 * g :]
@@ -68,11 +68,11 @@ def resolve(
     known_groups, known_key, known_scale, known, timestep, exact, dissipative, together, rounds, left, tree,
     factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z,
 ):  # fmt: skip
-    """Write what the contacts of a step do; see `resolve_step`.
+    """Resolve the contacts of a step, writing to given arrays; see `resolve_step`.
 
-    Written are impulses, change of velocity, the velocity that opens overlaps if some has to be opened, targets, the
-    whitened change of velocity, and the sliding velocities reached for, over those given. Return whether some
-    overlap has to be opened, and the numbers of `resolve_step`.
+    Written are the impulses, the change of velocity, the velocity that opens overlaps if there are any to open, the
+    targets, the whitened change of velocity, and the sliding velocities reached for, which replace the given ones.
+    Return whether there are overlaps to open, and the numbers of `resolve_step`.
     """
     turned, room = counts(len(target)), numbers(5 * len(x) + 2 * len(target) + 2 * len(z))
     return _resolve(
@@ -83,7 +83,7 @@ def resolve(
 
 
 linked_resolve = by_address(resolve)
-"""What compiled functions call."""
+"""The version of `resolve` that compiled functions call."""
 
 
 @compiled(
@@ -95,21 +95,22 @@ def resolve_step(
     known_groups, known_key, known_scale, known, timestep, exact, dissipative, together, rounds, left, tree,
     factor, inverse, Mnnz, Madr, Mcol,
 ):  # fmt: skip
-    """Return what the contacts of a step do.
+    """Resolve the contacts of a step.
 
-    Equality constraints that are `bound`, bool (g,), do not drive the collision, see `driven`.
-    Restitution that creates energy is scaled for each group of contacts that influence each other, or for all of them
-    `together`, as under a law that couples others.
+    Equality constraints that are `bound`, bool (g,), do not drive the collision, see `driven`. Restitution that creates
+    energy is scaled for each group of contacts that influence each other, or for all of them `together`, as needed
+    under a law that couples other contacts.
 
-    What solvers do is taken from `left` (1,), the part of the work allowed in the step, see `solvers.cones.budget`.
+    The work of the solvers is subtracted from `left` (1,), the part of the work allowed in the step, see
+    `solvers.cones.budget`.
 
     Returns:
         Impulses (n,), in units of the problem; the change of velocity (nv,); the velocity that opens overlaps (nv,),
-        empty if none has to be; the targets reached for (g,); the largest amount by which a contact velocity misses its
-        target, and the largest velocity of a row, m/s or rad/s; the least share s of restitution; the energy that the
-        collision would create without it, J; the work of contact, J, with what of it is rounding; the natural map that
-        is left, of friction too, relative to the largest velocity; the whitened change of velocity (nv,); and the
-        sliding velocities reached for (n,).
+        empty if there is none to open; the targets reached for (g,); the largest amount by which a contact velocity
+        misses its target, and the largest velocity of a row, m/s or rad/s; the smallest share s of restitution; the
+        energy that the collision would create without scaling, J; the work of contact, J, and the part of it that is
+        rounding; the residual of the natural map, including friction, relative to the largest velocity; the whitened
+        change of velocity (nv,); and the sliding velocities reached for (n,).
     """
     x, z = np.empty(rates.shape[1]), np.empty(len(tree))
     change, shift, reached = np.empty(len(tree)), np.empty(len(tree)), np.empty(len(target))

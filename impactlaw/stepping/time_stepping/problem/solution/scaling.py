@@ -1,4 +1,4 @@
-"""Restitution scaled so that collisions create no energy, and taken away where bodies jam."""
+"""Scale restitution so that collisions create no energy, and remove it if bodies jam."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from impactlaw.stepping.time_stepping.problem.targets import write_offsets
 from impactlaw.stepping.time_stepping.tolerances import SLOWEST
 
 _FEW = 1  # rounds of slower methods in a search
-_CLOSE = 1e-10  # part of the energy that contacts exchange by which a search may end below what is allowed
-_SEARCHES = 40  # most, of the share of restitution that creates no energy, while work is left
-_JAMMED = 1e-3  # part of the largest contact velocity by which a law is missed, or natural map, where bodies jam
+_CLOSE = 1e-10  # part of the exchanged energy of contacts by which a search may end below the allowed energy
+_SEARCHES = 40  # largest number of searches for the share of restitution that creates no energy, while work is left
+_JAMMED = 1e-3  # bodies jam if the law is missed by this part of the largest contact velocity, or by the natural map
 RESERVE = 0.2
-"""Part of the work allowed that is there for a step without restitution in any case; further phases need more."""
-_ANY, _NONE = np.inf, np.int64(0)  # natural map, and rounds, where nothing is to be solved
-_SAFE = np.int64(8)  # rounds of slower methods that it has
+"""Part of the allowed work that is reserved for a step without restitution; further phases need more."""
+_ANY, _NONE = np.inf, np.int64(0)  # natural map and number of rounds of a call that solves nothing
+_SAFE = np.int64(8)  # rounds of slower methods for the problem without restitution
 
 
 @plain
 def _root(s, work, points, low, high):
-    """Return where the parabola through the last three points, or the line through two, is 0, next to the last one.
+    """Return the zero next to the last point of the parabola through the last three points, or of the line through two.
 
-    Return the middle of the bounds where there is no such point between them.
+    Return the middle of the bounds if there is no such zero between them.
     """
     slope, bend = (work[2] - work[1]) / (s[2] - s[1]), 0.0
     if points > 2:
@@ -47,11 +47,11 @@ def _largest(
     sparse, colind, value, groups, amounts, rates, target, sliding, collides, s, allowed, searches, tree, exact, rounds,
     left, x, z, after, scaled, room,
 ):  # fmt: skip
-    """Return the largest share up to s found with which contact creates no more energy than is allowed, J.
+    """Return the largest share found, up to s, at which contact creates no more energy than allowed, J.
 
-    And what it creates with s, J, if that is more. For what is written see `solve_scaled`. While contacts neither open
-    nor begin to slide, the energy is a parabola in s: the search is Muller's (Math. Tables Aids Comput. 10, 1956), with
-    bisection where three steps do not halve the bounds.
+    Also return the energy created with s beyond that, J. The outputs are those of `solve_scaled`. As long as contacts
+    neither open nor begin to slide, the energy is a parabola in s. The search is Muller's (Math. Tables Aids Comput.
+    10, 1956), with bisection if three steps do not halve the bounds.
     """
     low, high, most, gained, width, shares, works = 0.0, s, s, 0.0, s, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for search in range(searches):
@@ -81,12 +81,12 @@ def largest_share(
     sparse, colind, value, groups, amounts, rates, target, sliding, collides, known, tree, exact, dissipative, rounds,
     left,
 ):  # fmt: skip
-    """Return the largest s found with which a collision creates no energy, and what it creates by itself with 1, J.
+    """Return the largest s found at which a collision creates no energy, and the energy it creates alone with s = 1, J.
 
-    The collision by itself starts from v- and knows no forces; its contacts do ``Lambda^T (gamma- + gamma+) / 2``. With
-    friction, or a matrix E, that can be positive (T. R. Kane, *A dynamics puzzle*, 1984); with s = 0 it is not. Where
-    it is, s is such that the collision creates none with forces either, or no more than with s = 0. If it need not be
-    `dissipative`, s is 1.
+    The collision alone starts from v- and contains no forces; its contacts do ``Lambda^T (gamma- + gamma+) / 2``. With
+    friction, or a matrix E, that can be positive (T. R. Kane, *A dynamics puzzle*, 1984); with s = 0 it is not. If it
+    is positive, s is chosen such that the collision creates no energy, with forces either, or no more than with s = 0.
+    If the collision need not be `dissipative`, s is 1.
     """
     n = rates.shape[1]
     alone, x, z = numbers(5 * n).reshape((5, n)), copied(known), numbers(len(tree))
@@ -95,7 +95,7 @@ def largest_share(
         put(alone[i], rates[1 if i == 2 else i])
     for g in range(len(target)):
         row = groups[0, g]
-        if groups[2, g] == BILATERAL and rates[3, row] != -rates[1, row]:  # else it is a stop, see `driven`
+        if groups[2, g] == BILATERAL and rates[3, row] != -rates[1, row]:  # otherwise it is a stop, see `driven`
             alone[3, row] = rates[1, row]
     s, gained = _largest(
         sparse, colind, value, groups, amounts, alone, target, sliding, collides, 1.0, 0.0,
@@ -120,21 +120,21 @@ def largest_share(
 
 @plain
 def _fails(groups, rates, after, reached, x, residual):
-    """Return whether impulses miss the law by far, or are not solved and create energy."""
+    """Return whether impulses miss the law by far, or are unsolved and create energy."""
     missed, fastest = shortfall(groups, rates, after, reached)
     return missed > _JAMMED * max(SLOWEST, fastest) or (residual > UNSOLVED and creates(groups, rates, after, x))
 
 
 @plain
 def _judged(groups, rates, after, reached, x, residual, left):
-    """Return the natural map, whether impulses fail, and whether bodies jam."""
+    """Return the residual of the natural map, whether impulses fail, and whether bodies jam."""
     failed = _fails(groups, rates, after, reached, x, residual)
     return residual, failed, failed or (residual > _JAMMED and left[0] > 0.0)
 
 
 @plain
 def has_restitution(groups, target, sliding, collides):
-    """Return whether some contact that collides has restitution."""
+    """Return whether any colliding contact has restitution."""
     some = False
     for g in range(len(collides)):
         if collides[g]:
@@ -149,9 +149,9 @@ def solve_whole(
     sparse, colind, value, groups, amounts, rates, target, sliding, collides, tree, exact, rounds, left,
     x, z, after, scaled, room,
 ):  # fmt: skip
-    """Do what `solve_scaled` does, with all restitution; return the natural map, whether it fails, and whether it jams.
+    """Solve the problem with all restitution; return the residual, whether impulses fail, and whether bodies jam.
 
-    With friction there may be no solution where bodies jam.
+    The outputs are those of `solve_scaled`. With friction there may be no solution if bodies jam.
     """
     residual = solve_scaled(
         sparse, colind, value, groups, amounts, rates, target, sliding, collides, 1.0, tree, exact, rounds, left,
@@ -164,7 +164,7 @@ def solve_whole(
 def judge(
     sparse, colind, value, groups, amounts, rates, target, sliding, tree, exact, left, x, z, after, scaled, room
 ):  # fmt: skip
-    """Return what `solve_whole` has found of a part of its contacts, whose impulses are x, and write what it writes."""
+    """Return and write the results of `solve_whole` for a part of its contacts, with given impulses x."""
     b = room[: len(x)]
     put(scaled, target)
     write_offsets(groups, rates, scaled, sliding, b)
@@ -181,33 +181,33 @@ def scale_down(
     sparse, colind, value, groups, amounts, rates, target, sliding, collides, tree, exact, dissipative, rounds, left,
     reserve, found, x, z, after, scaled, room,
 ):  # fmt: skip
-    """Scale all restitution so that collisions create no energy, or take it away where bodies jam.
+    """Scale all restitution so that collisions create no energy, or remove it if bodies jam.
 
     Args:
-        sparse: see `rows.Rows`, like the five that follow.
-        colind: see there.
-        value: see there.
-        groups: see there.
-        amounts: see there.
-        rates: see there.
+        sparse: see `rows.Rows`, like the next five.
+        colind: see `rows.Rows`.
+        value: see `rows.Rows`.
+        groups: see `rows.Rows`.
+        amounts: see `rows.Rows`.
+        rates: see `rows.Rows`.
         target: ``gamma^h``, (g,).
-        sliding: sliding velocities aimed at, (n,); what is left of them is written.
-        collides: bool (g,).
-        tree: of each degree of freedom, (nv,).
+        sliding: target sliding velocities, (n,); those that remain are written.
+        collides: which groups collide, bool (g,).
+        tree: tree of each degree of freedom, (nv,).
         exact: exact Coulomb friction, or its convex relaxation.
         dissipative: whether restitution is scaled so that it creates no energy.
-        rounds: of the slower solvers.
-        left: part of the work allowed that is left, (1,).
-        reserve: the part that there is for a problem without restitution in any case.
-        found: what `solve_whole` returns.
-        x: what that has written, like the four that follow; overwritten.
-        z: see there.
-        after: see there.
-        scaled: see there.
-        room: see there.
+        rounds: rounds of the slower solvers.
+        left: remaining part of the allowed work, (1,).
+        reserve: part of the work reserved for a problem without restitution.
+        found: the result of `solve_whole`.
+        x: outputs of `solve_whole`, like the next four; overwritten.
+        z: see `solve_whole`.
+        after: see `solve_whole`.
+        scaled: see `solve_whole`.
+        room: scratch space.
 
     Returns:
-        What `apart.solve_contacts` does.
+        The result of `apart.solve_contacts`.
     """
     (residual, failed, jammed), s, created = found, 1.0, 0.0
     some = has_restitution(groups, target, sliding, collides)
