@@ -34,8 +34,8 @@ class Rows(NamedTuple):
         groups: first row, number of rows, kind (`BILATERAL`, `BOX`, `CONE`) and source of each group, int32 (4, g). The
             source is the index of a contact among MuJoCo's, ``-2 - row`` for a limit, and -1 for other groups.
         key: identifies a group from step to step, int64 (g,).
-        amounts: for each group the gap, m or rad, and a second number, (2, g): the largest impulse of dry friction, N
-            s, or the compliance of an equality that does not keep its velocity in a collision.
+        amounts: for each group the gap, m or rad, and a second number, (2, g): the largest impulse, N s, of dry
+            friction, or the compliance of an equality that does not keep its velocity in a collision.
         rates: for each row, (7, n): the coefficient of friction of a friction row, else 1; ``J v``, the velocity at the
             start of the step, m/s or rad/s; ``J v_free``, the velocity without contact; the velocity at which an
             equality is satisfied; its compliance R, 0 for rigid rows; and t and d of the last step, see `turns`, NaN if
@@ -317,8 +317,8 @@ def read_rows(
     """Return the fields of `Rows` as a tuple, in order; the arguments are MuJoCo's current arrays.
 
     Only groups whose first row is ``near`` take part. Dense rows are given as sparse rows with all entries. If the
-    velocities of rows are empty, (0,), velocities of belts are left out. Bodies at rest touch up to a gap `touching`,
-    m.
+    velocities of rows are empty, (0,), velocities of belts are left out. Bodies at rest touch up to a gap of
+    `touching`, m.
     """
     mark = cleared(len(treeadr))
     groups, count = count_groups(kinds, number, dim, friction, near, frictional)
