@@ -1,1 +1,1 @@
-"""What compiled steps share: MuJoCo's structures and functions, whitening, the coefficients of a law."""
+"""Shared parts of compiled steps: MuJoCo's structures and functions, whitening, and the coefficients of a law."""

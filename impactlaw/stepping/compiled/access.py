@@ -24,7 +24,7 @@ from impactlaw.stepping.compiled.libmujoco import is_sparse
 
 @plain
 def offset(w, field):
-    """Return where a field is in its structure, or how large a structure is, bytes."""
+    """Return the offset of a field in its structure, or the size of a structure, bytes."""
     return long_at(w.table + 8 * field)
 
 
@@ -36,25 +36,25 @@ def size(w, field):
 
 @plain
 def option(w, field):
-    """Return an int among the options of the model."""
+    """Return an integer option of the model."""
     return int_at(w.model + offset(w, field))
 
 
 @plain
 def number(w, field):
-    """Return an int of data."""
+    """Return an integer of data."""
     return np.int64(int_at(w.data + offset(w, field)))
 
 
 @plain
 def model_at(w, field):
-    """Return where an array of the model begins."""
+    """Return the address of an array of the model."""
     return long_at(w.model + offset(w, field))
 
 
 @plain
 def data_at(w, field):
-    """Return where an array of data begins."""
+    """Return the address of an array of data."""
     return long_at(w.data + offset(w, field))
 
 
@@ -90,7 +90,7 @@ def velocity_of(w):
 
 @kernel
 def layout_of(w):
-    """Return entries of each row of the mass matrix, where they begin, and their columns."""
+    """Return the number of entries of each row of the mass matrix, the index of the first entry, and the columns."""
     return (
         model_ints(w, MODEL.M_rownnz, w.nv),
         model_ints(w, MODEL.M_rowadr, w.nv),
@@ -100,7 +100,7 @@ def layout_of(w):
 
 @kernel
 def rows_of(w, place, entries, columns):
-    """Return fields of data that are a table of doubles, (rows, columns)."""
+    """Return an array of doubles of data as a table, (rows, columns)."""
     return table_floats(data_at(w, place), entries, columns)
 
 
@@ -122,7 +122,7 @@ def contact_floats(w, field, many):
 
 @plain
 def _number_columns(nnz, adr, col, nv):
-    """Write how many entries dense rows have, where they begin, and their columns."""
+    """Write the number of entries of dense rows, the index of the first entry, and the columns."""
     for i in range(len(nnz)):
         nnz[i], adr[i] = nv, i * nv
         for k in range(nv):
@@ -131,7 +131,7 @@ def _number_columns(nnz, adr, col, nv):
 
 @plain
 def _leave_out_zeros(dense, nv, nnz, adr, col, val):
-    """Write the entries of dense rows that are not 0, how many there are, where they begin, and their columns."""
+    """Write the nonzero entries of dense rows, their number, the index of the first entry, and their columns."""
     end = 0
     for i in range(len(nnz)):
         adr[i] = end
@@ -144,9 +144,9 @@ def _leave_out_zeros(dense, nv, nnz, adr, col, val):
 
 @once
 def jacobian_of(w):
-    """Return entries of MuJoCo's rows, where they begin, their columns, and the entries; dense ones in full.
+    """Return number of entries and first entry of MuJoCo's rows, columns, and entries; dense rows include zeros.
 
-    The rows of a contact have the same columns. What is returned lives as long as the function that asks for it.
+    The rows of a contact have the same columns. The result is valid as long as the calling function runs.
     """
     n, sparse = number(w, DATA.nefc), is_sparse(w.model)
     many = number(w, DATA.nJ) if sparse else n * w.nv
@@ -163,7 +163,7 @@ def jacobian_of(w):
 
 @once
 def nonzeros_of(w):
-    """Return the same as `jacobian_of`, but of dense rows the entries that are not 0, each row with its own columns."""
+    """Return the same as `jacobian_of`, but only the nonzero entries of dense rows, each row with its own columns."""
     n, sparse = number(w, DATA.nefc), is_sparse(w.model)
     many = number(w, DATA.nJ) if sparse else n * w.nv
     all = data_floats(w, DATA.efc_J, many)

@@ -8,7 +8,7 @@ from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.stepping.compiled.fields import MODEL, floats, int_at, ints, long_at
 
 _EULER = int(mujoco.mjtIntegrator.mjINT_EULER)
-_POLYNOMIAL = 2  # coefficients of each degree of freedom, MuJoCo's mjNPOLY
+_POLYNOMIAL = 2  # number of coefficients of each degree of freedom, MuJoCo's mjNPOLY
 _NO_DAMPING = int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP) | int(mujoco.mjtDisableBit.mjDSBL_DAMPER)
 
 
@@ -19,7 +19,7 @@ def _at(table, field):
 
 @plain
 def is_damped(model, table):
-    """Return whether the integrator of a copy of a model damps implicitly, by a mass matrix of its own."""
+    """Return whether the integrator of a copy of a model damps implicitly, with a mass matrix of its own."""
     if int_at(model + _at(table, MODEL.opt_integrator)) != _EULER:
         return True
     if int_at(model + _at(table, MODEL.opt_disableflags)) & _NO_DAMPING:

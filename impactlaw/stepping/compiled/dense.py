@@ -1,4 +1,4 @@
-"""MuJoCo's layouts of arrays and others: sparse rows, full matrices, forces of pyramidal cones."""
+"""Convert between MuJoCo's layouts and others: sparse rows, full matrices, forces of pyramidal cones."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def _columns(nv: int, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def sparse_jacobian(
     model: mujoco.MjModel, data: mujoco.MjData
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return entries per row, where they begin, their columns, and the entries of MuJoCo's rows; dense ones in full."""
+    """Return number of entries and first entry of MuJoCo's rows, columns, and entries; dense rows include zeros."""
     if mujoco.mj_isSparse(model):
         return data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind, data.efc_J
     nv, n = model.nv, data.nefc
@@ -34,15 +34,15 @@ def sparse_jacobian(
 
 @compiled("(float64[::1],float64[:],float64,int32[:],int32[:],int32[:])")
 def leave_open_out(force, gap, touch, dim, exclude, address):
-    """Let contacts that are open and carry no force have no rows, as those within MuJoCo's gap; return if any has rows.
+    """Remove rows of open contacts without force, like those within MuJoCo's gap; return whether any are left.
 
     Args:
-        force: of rows with elliptic cones, (n,).
-        gap: of contacts, m, (ncon,).
-        touch: gap, m, up to which they touch.
-        dim: of contacts, (ncon,).
-        exclude: reasons to be left out, to be written, (ncon,).
-        address: where contacts begin, to be written, (ncon,).
+        force: forces of rows with elliptic cones, (n,).
+        gap: gaps of contacts, m, (ncon,).
+        touch: gap, m, up to which a contact is closed.
+        dim: number of rows of each contact, (ncon,).
+        exclude: MuJoCo's reasons to exclude contacts, written, (ncon,).
+        address: first row of each contact, written, (ncon,).
     """
     left = False
     for i in range(len(dim)):
@@ -57,15 +57,15 @@ def leave_open_out(force, gap, touch, dim, exclude, address):
 
 @compiled("(float64[::1],int32[:],int32[:],int32[:],float64[:,:],float64[::1])")
 def encode_pyramids(force, elliptic, address, dim, friction, out):
-    """Write forces of rows with elliptic cones as those of rows with pyramidal ones, ``f_n / m ± f_k / mu_k`` halved.
+    """Convert forces of rows with elliptic cones to those with pyramidal cones, half of ``f_n / m ± f_k / mu_k`` each.
 
     Args:
-        force: of the rows with elliptic cones, (n,).
-        elliptic: where contacts begin there, (ncon,).
-        address: where they begin with pyramidal ones, (ncon,).
-        dim: of contacts, (ncon,).
+        force: forces of the rows with elliptic cones, (n,).
+        elliptic: first row of each contact with elliptic cones, (ncon,).
+        address: first row of each contact with pyramidal cones, (ncon,).
+        dim: condim of each contact, (ncon,).
         friction: coefficients, (ncon, 5).
-        out: forces to be written.
+        out: forces with pyramidal cones, written.
     """
     first = len(out)
     for i in range(len(dim)):
@@ -106,15 +106,15 @@ def gradients(which, sparse, colind, value, scale, factor, Mnnz, Madr, Mcol, inv
     """Return some rows of J, (k, nv), from those of ``Y = J L^-1 D^-1/2``: ``J = Y D^1/2 L``.
 
     Args:
-        which: rows, int64 (k,).
-        sparse: see `rows.Rows`, like the two that follow.
-        colind: degrees of freedom of entries.
-        value: entries.
+        which: the rows, int64 (k,).
+        sparse: see `rows.Rows`, like the next two.
+        colind: degree of freedom of each entry.
+        value: the entries.
         scale: coefficients of friction, by which rows of Y are multiplied, (n,).
         factor: L.
-        Mnnz: entries of each row of M.
-        Madr: where they begin.
-        Mcol: their columns, the diagonal last.
+        Mnnz: number of entries of each row of M.
+        Madr: index of the first entry of each row.
+        Mcol: column of each entry, the diagonal last.
         inverse: ``1 / D``, (nv,).
     """
     nv = len(inverse)

@@ -45,21 +45,21 @@ def functions() -> Any:
 
 
 def when_gone(owner: Any, function: Callable[..., Any], *arguments: Any) -> None:
-    """Call a function when an object is no more, but not when the process ends, which gives back all by itself."""
+    """Call a function when an object is deleted, but not at the end of the process, which frees everything itself."""
     weakref.finalize(owner, function, *arguments).atexit = False
 
 
 class Pool:
-    """MuJoCo's thread pool with some worlds of a model.
+    """MuJoCo's thread pool with several worlds of a model.
 
     Args:
-        model: of all worlds.
-        worlds: how many.
-        threads: how many; 0 for one per processor.
-        persistent: whether each world has data of its own.
+        model: the model of all worlds.
+        worlds: number of worlds.
+        threads: number of threads; 0 for one per processor.
+        persistent: whether each world has its own data.
 
     Raises:
-        mujoco.FatalError: MuJoCo cannot make it.
+        mujoco.FatalError: MuJoCo cannot make the pool.
     """
 
     def __init__(self, model: Any, worlds: int, threads: int, *, persistent: bool):
@@ -73,16 +73,19 @@ class Pool:
         self._call = self._functions.mjb_apply
 
     def apply(self, function: int, argument: int, worlds: Any) -> int:
-        """Call a C function of all worlds (None), or some, int32, and keep the states that it leaves.
+        """Call a C function for all worlds (None), or for some, int32, and keep the states that it leaves.
 
-        Return for how many MuJoCo has raised an error.
+        Return the number of worlds for which MuJoCo has raised an error.
         """
         if worlds is None:
             return self._call(self.handle, None, self.worlds, function, argument, True)
         return self._call(self.handle, worlds.ctypes.data, len(worlds), function, argument, True)
 
     def caller(self, function: int, argument: int) -> Callable[[], int]:
-        """Return what calls a C function of all worlds, states left alone, and returns how many raised errors."""
+        """Return a function that calls a C function for all worlds without touching states.
+
+        It returns the number of worlds that raised errors.
+        """
         address = ctypes.c_void_p
         return partial(
             self._call, address(self.handle), None, ctypes.c_int(self.worlds), address(function), address(argument),
@@ -91,15 +94,15 @@ class Pool:
 
     @property
     def threads(self) -> int:
-        """Number of threads, the caller's included."""
+        """Number of threads, including the caller's."""
         return self._functions.mjb_nthread(self.handle)
 
     def write_model(self, world: int, model: Any) -> None:
-        """Let a copy of the model be that of a world."""
+        """Copy the model of a world to the given model."""
         self._functions.mjb_getModel(self.handle, world, model._address)
 
     def error(self, world: int) -> str:
-        """Return what MuJoCo has said of a world in the last call."""
+        """Return MuJoCo's error message of a world in the last call."""
         return self._functions.mjb_error(self.handle, world).decode()
 
 
@@ -109,13 +112,13 @@ def _empty_model() -> Any:
 
 
 class Entry:
-    """The way of one world into compiled code: a pool calls its C function, and reports the errors of MuJoCo.
+    """The entry of one world into compiled code: a pool calls its C function, and reports the errors of MuJoCo.
 
-    Making it takes milliseconds, and calls the control callback of MuJoCo, if there is one, with an empty model.
+    Making it takes milliseconds, and calls MuJoCo's control callback, if there is one, with an empty model.
 
     Args:
         function: address of the C function.
-        context: what it is given, int64; kept by the caller.
+        context: its argument, int64; kept by the caller.
     """
 
     def __init__(self, function: int, context: np.ndarray):
@@ -124,12 +127,12 @@ class Entry:
 
     @property
     def message(self) -> str:
-        """What MuJoCo has said in the last call."""
+        """MuJoCo's error message of the last call."""
         return self._pool.error(0)
 
 
 def delete_others(slots: np.ndarray) -> None:
-    """Give back the other data of each thread, see `pooled.other_data`."""
+    """Delete the other data of each thread, see `pooled.other_data`."""
     for _, other in slots:
         if other:
             functions().mj_deleteData(int(other))
@@ -138,6 +141,6 @@ def delete_others(slots: np.ndarray) -> None:
 def fill_context(
     context: np.ndarray, places: tuple[int, ...], arrays: dict[str, np.ndarray], numbers: dict[str, float]
 ) -> None:
-    """Write numbers, and addresses of arrays, to their places in what compiled code is given."""
+    """Write numbers, and the addresses of arrays, to their places in the argument of compiled code."""
     for name, value in ({name: array.ctypes.data for name, array in arrays.items()} | numbers).items():
         context[getattr(places, name)] = value

@@ -1,4 +1,4 @@
-"""Fields of MuJoCo's structures in compiled code: at an address and an offset that are numbers, int64."""
+"""Fields of MuJoCo's structures in compiled code, by addresses and offsets given as numbers, int64."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ carray: Any = cast(Any, numba).carray
 
 
 class _Data(NamedTuple):
-    """Places in the table of offsets of fields of mjData."""
+    """Indices of fields of mjData in the table of offsets."""
 
     time: int
     nefc: int
@@ -67,7 +67,7 @@ class _Data(NamedTuple):
 
 
 class _Model(NamedTuple):
-    """Places in the table of offsets of fields of mjModel; opt_ and stat_: those of its mjOption and mjStatistic."""
+    """Indices of fields of mjModel in the table of offsets; opt_ and stat_ are fields of mjOption and mjStatistic."""
 
     nq: int
     nv: int
@@ -131,7 +131,7 @@ class _Model(NamedTuple):
 
 
 class _Contact(NamedTuple):
-    """Places in the table of offsets of fields of mjContact."""
+    """Indices of fields of mjContact in the table of offsets."""
 
     dist: int
     pos: int
@@ -144,7 +144,7 @@ class _Contact(NamedTuple):
 
 
 class _Size(NamedTuple):
-    """Places in the table of sizes of structures, bytes."""
+    """Indices of sizes of structures in the table, bytes."""
 
     model: int
     contact: int
@@ -159,11 +159,11 @@ MODEL: _Model = _places(_Model, len(DATA))
 CONTACT: _Contact = _places(_Contact, len(DATA) + len(MODEL))
 SIZE: _Size = _places(_Size, len(DATA) + len(MODEL) + len(CONTACT))
 ALL = len(DATA) + len(MODEL) + len(CONTACT) + len(SIZE)
-"""Numbers in the table."""
+"""Number of entries of the table."""
 
 
 def _pointer(kind: Any) -> Any:
-    """Return a compiled function that makes a pointer to numbers of a kind of an address."""
+    """Return a compiled function that turns an address into a pointer to numbers of a kind."""
 
     @_intrinsic
     def of(typingctx: Any, address: Any) -> Any:
@@ -189,7 +189,7 @@ def _reader(kind: Any) -> Any:
 
 
 def _writer(kind: Any) -> Any:
-    """Return a compiled function that writes a number of a kind to an address."""
+    """Return a compiled function that writes a number of a kind at an address."""
 
     @_intrinsic
     def write(typingctx: Any, address: Any, value: Any) -> Any:
@@ -223,7 +223,7 @@ def ints(address, n):
 
 @kernel
 def longs(address, n):
-    """Return n numbers of 64 bits at an address."""
+    """Return n 64-bit integers at an address."""
     return carray(_long(address), n)
 
 
@@ -235,7 +235,7 @@ def flags(address, n):
 
 @kernel
 def bools(address, n):
-    """Return n marks at an address."""
+    """Return n booleans at an address."""
     return carray(_bool(address), n)
 
 
@@ -253,7 +253,7 @@ def table_ints(address, rows, columns):
 
 @_intrinsic
 def keep(typingctx: Any, array: Any) -> Any:
-    """Do nothing: an array whose address is in use is to live until here."""
+    """Do nothing; keeps an array alive up to here while its address is in use."""
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         return context.get_dummy_value()
@@ -263,7 +263,7 @@ def keep(typingctx: Any, array: Any) -> Any:
 
 @_intrinsic
 def claim(typingctx: Any, address: Any, value: Any) -> Any:
-    """Write a number of 64 bits to an address if 0 is there, in one piece, and return what was there."""
+    """Write a 64-bit integer to an address if it holds 0, atomically, and return what it held."""
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         place = builder.inttoptr(values[0], context.get_value_type(types.CPointer(types.int64)))
@@ -275,7 +275,7 @@ def claim(typingctx: Any, address: Any, value: Any) -> Any:
 
 @_intrinsic
 def address_of(typingctx: Any, array: Any) -> Any:
-    """Return where an array begins."""
+    """Return the address of an array."""
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         found = context.make_array(signature.args[0])(context, builder, values[0])

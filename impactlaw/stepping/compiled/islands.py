@@ -1,4 +1,4 @@
-"""Bodies that contacts, limits and equality constraints join: an impulse in one island does nothing in another."""
+"""Bodies joined by contacts, limits and equality constraints: an impulse in one island has no effect in another."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from impactlaw.compiled import compiled
 from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.solvers.cones.rows import root_of
 
-_LOSS = (1, 2)  # mjtConstraint: dry friction, whose force is bounded, does nothing in an instant
+_LOSS = (1, 2)  # mjtConstraint: dry friction, whose force is bounded, has no effect in an instant
 
 
 @plain
 def tree_of(Jnnz, Jadr, Jcol, J, row, tree):
-    """Return a tree that one of MuJoCo's rows moves, -1 if there is none."""
+    """Return a tree that one of MuJoCo's rows moves, -1 if it moves none."""
     for a in range(Jadr[row], Jadr[row] + Jnnz[row]):
         if J[a] != 0.0:
             return np.int64(tree[Jcol[a]])
@@ -22,7 +22,7 @@ def tree_of(Jnnz, Jadr, Jcol, J, row, tree):
 
 @plain
 def join_trees(kinds, number, Jnnz, Jadr, Jcol, J, tree, label):
-    """Write what `joined_trees` returns."""
+    """Write the result of `joined_trees`."""
     for t in range(len(label)):
         label[t] = t
     last = np.int64(-1)
@@ -43,17 +43,17 @@ def join_trees(kinds, number, Jnnz, Jadr, Jcol, J, tree, label):
 
 @compiled()
 def joined_trees(kinds, number, Jnnz, Jadr, Jcol, J, tree, many):
-    """Return one tree of its island for each tree of bodies, int64 (many,).
+    """Return for each tree of bodies one tree that represents its island, int64 (many,).
 
     Args:
-        kinds: of MuJoCo's rows, (nefc,).
-        number: which constraint or contact each row is of, (nefc,).
-        Jnnz: entries of rows of J.
-        Jadr: where they begin.
-        Jcol: their degrees of freedom.
+        kinds: kinds of MuJoCo's rows, (nefc,).
+        number: constraint or contact that each row belongs to, (nefc,).
+        Jnnz: number of entries of each row of J.
+        Jadr: index of the first entry of each row.
+        Jcol: degree of freedom of each entry.
         J: the entries.
-        tree: of each degree of freedom, (nv,).
-        many: how many trees there are.
+        tree: tree of each degree of freedom, (nv,).
+        many: number of trees.
     """
     label = np.empty(many, np.int64)
     join_trees(kinds, number, Jnnz, Jadr, Jcol, J, tree, label)
@@ -62,7 +62,7 @@ def joined_trees(kinds, number, Jnnz, Jadr, Jcol, J, tree, many):
 
 @compiled()
 def trees_of_rows(Jnnz, Jadr, Jcol, J, tree, many):
-    """Return what `tree_of` returns for each of the first rows, int64 (many,)."""
+    """Return the result of `tree_of` for each of the first rows, int64 (many,)."""
     found = np.empty(many, np.int64)
     for row in range(many):
         found[row] = tree_of(Jnnz, Jadr, Jcol, J, row, tree)

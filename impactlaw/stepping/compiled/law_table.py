@@ -1,4 +1,4 @@
-"""The coefficients of a law for compiled code, found out contact by contact as they collide."""
+"""The coefficients of a law for compiled code, looked up contact by contact as they collide."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ _LIMITS_OF_JOINTS = _LIMIT_JOINT, _LIMIT_JOINT + 2
 
 
 class Coefficients:
-    """Restitution by the keys of contacts; a key is looked up when it is first met.
+    """Restitution by the keys of contacts; a key is looked up when it first occurs.
 
-    The key of a contact is the lower number of its geoms, times ``2^32``, and the higher one; that of a limit, of a
-    joint or tendon, is ``-1 - (8 number + kind)`` with MuJoCo's kind of constraint, or with 2 more where it has one
-    degree of freedom, for its lower limit.
+    The key of a contact is the lower geom number times ``2^32``, plus the higher one. The key of a limit of a joint or
+    tendon is ``-1 - (8 number + kind)`` with MuJoCo's kind of constraint; 2 is added to the kind for the lower limit if
+    the limit has a single degree of freedom.
 
     Attributes:
-        key: ascending, int64 (k,).
-        value: e of each, (k,).
+        key: the keys, ascending, int64 (k,).
+        value: e for each key, (k,).
     """
 
     def __init__(self, targets: LawTargets, names: tuple[str, ...], limits: Limits, joints: int):
@@ -31,7 +31,7 @@ class Coefficients:
         self.key, self.value = np.zeros(0, np.int64), np.zeros(0)
 
     def learn(self, key: int) -> None:
-        """Ask the law for the restitution of a contact."""
+        """Look up the restitution of a contact in the law."""
         if key >= 0:
             label = f"{self._names[key >> 32]}/{self._names[key & 0xFFFFFFFF]}"
         else:
@@ -43,7 +43,7 @@ class Coefficients:
 
 
 def reason(targets: LawTargets) -> str | None:
-    """Return why a law has no table of coefficients; None if it has."""
+    """Return why a law has no table of coefficients; None if it has one."""
     if targets.restitution is not None:
         return None
     if not targets.alone:

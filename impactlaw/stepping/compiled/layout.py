@@ -1,6 +1,6 @@
-"""Where the fields of MuJoCo's structures are: read from `mujoco.introspect`, given to compiled code as numbers.
+"""Offsets of the fields of MuJoCo's structures, read from `mujoco.introspect` and passed to compiled code as numbers.
 
-The numbers are arguments of what is compiled, not parts of it, so that the cache on disk holds for any MuJoCo.
+The numbers are arguments of compiled code, not parts of it, so that the cache on disk holds for any MuJoCo.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ _NUMBERS: dict[str, Any] = {
     "unsigned int": ctypes.c_uint,
 }
 _INNER = {"opt": "mjOption", "stat": "mjStatistic"}
-"""Structures inside of mjModel, whose fields are named by both."""
+"""Structures inside mjModel; the names of their fields have the structure's name in front."""
 
 
 class LayoutError(ImpactLawError):
-    """MuJoCo's structures are not where its own description says."""
+    """MuJoCo's structures differ from MuJoCo's own description of them."""
 
 
 def _type(declared: Any, known: dict[str, Any]) -> Any:
-    """Return a declared type as one of ctypes."""
+    """Return a declared type as a type of ctypes."""
     from mujoco.introspect import ast_nodes
 
     if isinstance(declared, ast_nodes.PointerType):
@@ -78,7 +78,7 @@ def _names(fields: Any) -> tuple[str, ...]:
 
 @cache
 def table() -> np.ndarray:
-    """Return the offsets of all fields in `fields`, in its order, and the sizes of structures, bytes, int64."""
+    """Return the offsets of all fields in `fields`, in order, and the sizes of structures, bytes, int64."""
     known: dict[str, Any] = {}
     model, data, contact = (_named(name, known) for name in ("mjModel", "mjData", "mjContact"))
     offsets = [getattr(data, name).offset for name in _names(DATA)]
@@ -97,7 +97,10 @@ def table() -> np.ndarray:
 
 @cache
 def data_offset(name: str) -> int:
-    """Return where mjData tells the address of an array, bytes; negative where the array itself is there."""
+    """Return the offset of an array's address in mjData, bytes.
+
+    The offset is negative if the array itself is in mjData.
+    """
     data = _named("mjData", {})
     offset = getattr(data, name).offset
     return offset if dict(data._fields_)[name] is ctypes.c_void_p else -offset
@@ -109,7 +112,7 @@ _SCENE = (
 
 
 def _check(offsets: np.ndarray) -> None:
-    """Compare addresses with those of MuJoCo's own bindings."""
+    """Compare addresses with those of MuJoCo's bindings."""
     with without_callbacks():
         model: Any = mujoco.MjModel.from_xml_string(_SCENE)
         data: Any = mujoco.MjData(model)

@@ -1,4 +1,4 @@
-"""MuJoCo's C functions for compiled code; a pointer is a number, int64."""
+"""MuJoCo's C functions for compiled code; pointers are numbers, int64."""
 
 from __future__ import annotations
 
@@ -67,17 +67,17 @@ _FUNCTIONS: dict[str, tuple[Any, ...]] = {
 
 @cache
 def library() -> Any:
-    """Return the library that the bindings of MuJoCo have loaded."""
+    """Return the library that MuJoCo's bindings have loaded."""
     return ctypes.CDLL(str(find_library(Path(mujoco.__file__).parent)))
 
 
 def add_tendon_bias(model: mujoco.MjModel, data: mujoco.MjData, bias: np.ndarray) -> None:
-    """Add the forces of tendons with inertia that turn to a bias, (nv,): a function that MuJoCo's bindings lack."""
+    """Add the forces of turning tendons with inertia to a bias, (nv,); MuJoCo's bindings lack this function."""
     library().mj_tendonBias(*map(ctypes.c_void_p, (model._address, data._address, bias.ctypes.data)))
 
 
 def find_library(folder: Path) -> Path:
-    """Return the library of the version of the bindings: one of MuJoCo 4 stays there where 3 has taken its place."""
+    """Return the library with the version of the bindings; a library of MuJoCo 4 may remain after going back to 3."""
     libraries = [path for path in folder.iterdir() if _is_library(path.name)]
     return max(libraries, key=lambda path: mujoco.mj_versionString() in path.name)
 
@@ -119,22 +119,22 @@ _CALLBACKS = ("control", "passive", "act_dyn", "act_gain", "act_bias", "contactf
 
 @cache
 def callbacks() -> np.ndarray:
-    """Return where MuJoCo keeps its callbacks, int64."""
+    """Return the addresses at which MuJoCo keeps its callbacks, int64."""
     places = [ctypes.addressof(ctypes.c_void_p.in_dll(library(), f"mjcb_{name}")) for name in _CALLBACKS]
     return np.array(places, dtype=np.int64)
 
 
 def is_called_back() -> bool:
-    """Return whether a callback of MuJoCo is set."""
+    """Return whether any of MuJoCo's callbacks is set."""
     return any(ctypes.c_size_t.from_address(place).value for place in callbacks().tolist())
 
 
 @contextmanager
 def without_callbacks() -> Iterator[None]:
-    """Let MuJoCo call nobody back meanwhile: a callback is for the scene of its user, not for one of this package.
+    """Disable MuJoCo's callbacks meanwhile: they are for the scene of the user, not for scenes of this package.
 
-    MuJoCo's compiler calls them, too. Those that were set from C are unknown to MuJoCo's bindings, which therefore do
-    not put them back.
+    MuJoCo's compiler calls them, too. Callbacks set from C are unknown to MuJoCo's bindings, which therefore do not
+    restore them.
     """
     places = [ctypes.c_size_t.from_address(place) for place in callbacks().tolist()]
     addresses = [place.value for place in places]
@@ -151,7 +151,7 @@ def without_callbacks() -> Iterator[None]:
 
 @plain
 def is_watched(places):
-    """Return what `is_called_back` does, in compiled code; see `callbacks`."""
+    """Return the result of `is_called_back`, in compiled code; see `callbacks`."""
     for i in range(len(places)):
         if long_at(places[i]) != 0:
             return True

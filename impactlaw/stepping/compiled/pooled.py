@@ -1,4 +1,4 @@
-"""What entries of many worlds share in MuJoCo's pool: other data of each thread, and fields that are copied out."""
+"""Shared parts of entries for many worlds in MuJoCo's pool: other data of each thread, and fields to copy out."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from impactlaw.stepping.compiled.fields import address_of, claim, flags, long_at
 
 @plain
 def other_data(model, data, slots):
-    """Return the other data of the thread that has this data, which is made when it is first needed.
+    """Return the other data of the thread that owns this data; it is made on first use.
 
     Args:
         model: address of the model.
         data: address of the thread's data.
-        slots: pairs of data and other data, zeros at first, int64 (2 k,), written.
+        slots: pairs of data and other data, initially zero, int64 (2 k,), written.
     """
     for i in range(len(slots) // 2):
         slot = address_of(slots) + 16 * i
@@ -31,14 +31,14 @@ def other_data(model, data, slots):
 
 @plain
 def copy_out(data, world, outputs, count):
-    """Copy fields of data to where those of all worlds are.
+    """Copy fields of data into the arrays of all worlds.
 
     Args:
         data: address of the data of a world.
-        world: its number.
-        outputs: address of three numbers for each field: where data tells its address (or, negative, has it itself),
-            where that of world 0 is to be, and its bytes.
-        count: of fields.
+        world: index of the world.
+        outputs: address of three numbers for each field: the offset of its address in data (negative if the field
+            itself is there), the address of the output of world 0, and the size in bytes.
+        count: number of fields.
     """
     for i in range(count):
         output = longs(outputs + 24 * i, 3)

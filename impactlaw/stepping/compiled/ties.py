@@ -1,8 +1,8 @@
-"""Contacts that equality constraints leave next to no motion: between two bodies of which one is tied to the other.
+"""Find contacts that equality constraints leave almost no motion: those between two bodies tied to each other.
 
-Where bodies are welded, or joined in a point next to which they touch, the gradient of their gap depends on those of
-the constraint. Neither could be met without breaking the other: what one asks for is divided by the little that the
-other leaves, and bodies burst. Such contacts do nothing, as those of bodies that a joint connects.
+If bodies are welded, or joined in a point next to which they touch, the gradient of their gap depends linearly on those
+of the constraint. Neither could be satisfied without violating the other: its demand is divided by the small remainder
+that the other leaves, and bodies burst apart. Such contacts are left out, like those of bodies connected by a joint.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from impactlaw.solvers.cones.algebra.loops import FIRST, clear, cleared, dot, ke
 from impactlaw.stepping.compiled.access import contact_ints, data_ints, model_floats, model_ints, number, size
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, flags
 
-_MOST = 2e7  # operations for a step's constraints above which nothing is looked at: they are hundreds
+_MOST = 2e7  # operations for the constraints of a step (hundreds of them) above which nothing is looked for
 
 
 @plain
 def _write_scaled(Jnnz, Jadr, Jcol, J, row, weight, out):
-    """Write one of MuJoCo's rows, (nv,), over the lengths of degrees of freedom."""
+    """Write one of MuJoCo's rows, (nv,), divided by the lengths of degrees of freedom."""
     clear(out)
     for a in range(Jadr[row], Jadr[row] + Jnnz[row]):
         out[Jcol[a]] = J[a] / weight[Jcol[a]]
@@ -29,9 +29,9 @@ def _write_scaled(Jnnz, Jadr, Jcol, J, row, weight, out):
 
 @plain
 def leave_out(basis, count, nv, row, at):
-    """Subtract from nv numbers of a row their part along the basis; return what part of it is left."""
+    """Subtract from nv numbers of a row their part along the basis; return the remaining part of its length."""
     before = np.sqrt(dot(row, at, row, at, nv))
-    for _ in range(2):  # a second time for what rounding has left
+    for _ in range(2):  # the second pass removes rounding
         for b in range(count):
             subtract(row, at, basis, b * nv, dot(row, at, basis, b * nv, nv), nv)
     return np.sqrt(dot(row, at, row, at, nv)) / before if before > 0.0 else 0.0
@@ -47,16 +47,16 @@ def _largest(numbers_of):
 
 @kernel
 def parts_of_longest(number, constraints, Jnnz, Jadr, Jcol, J, weight, part):
-    """Write how long rows of equality constraints are next to others, (ne,): `equality_constraints.parts_of_longest`.
+    """Write relative lengths of rows of equality constraints, (ne,), see `equality_constraints.parts_of_longest`.
 
     Args:
         number: see `find_tied`.
-        constraints: see there.
-        Jnnz: see there.
-        Jadr: see there.
-        Jcol: see there.
-        J: see there.
-        weight: see there.
+        constraints: see `find_tied`.
+        Jnnz: see `find_tied`.
+        Jadr: see `find_tied`.
+        Jcol: see `find_tied`.
+        J: see `find_tied`.
+        weight: see `find_tied`.
         part: written.
     """
     trial, first = numbers(len(weight)), 0
@@ -79,7 +79,7 @@ def parts_of_longest(number, constraints, Jnnz, Jadr, Jcol, J, weight, part):
 
 @plain
 def _span(number, constraints, Jnnz, Jadr, Jcol, J, weight, part, basis):
-    """Write an orthonormal basis of the constraints that tie bodies, row by row; return how many there are."""
+    """Write an orthonormal basis of the constraints that tie bodies, row by row; return its size."""
     nv, count = len(weight), 0
     for row in range(len(part)):
         if constraints[number[row]] != TYING or part[row] <= OWN_CONSTRAINT:
@@ -96,15 +96,15 @@ def _span(number, constraints, Jnnz, Jadr, Jcol, J, weight, part, basis):
 
 @kernel
 def find_tied(kinds, number, constraints, Jnnz, Jadr, Jcol, J, weight, address, tied):
-    """Write which contacts are tied, bool (ncon,), all False before.
+    """Write which contacts are tied, bool (ncon,), initially False.
 
     Args:
-        kinds: of MuJoCo's rows, (nefc,).
-        number: which constraint each row is of, (nefc,).
+        kinds: kinds of MuJoCo's rows, (nefc,).
+        number: constraint that each row belongs to, (nefc,).
         constraints: kinds of equality constraints, see `equality_constraints.constraint_kinds`, uint8 (neq,).
-        Jnnz: entries of rows of J.
-        Jadr: where they begin.
-        Jcol: their degrees of freedom.
+        Jnnz: number of entries of each row of J.
+        Jadr: index of the first entry of each row.
+        Jcol: degree of freedom of each entry.
         J: the entries.
         weight: see `equality_constraints.lengths`, (nv,).
         address: first rows of contacts, (ncon,).
@@ -129,7 +129,7 @@ def find_tied(kinds, number, constraints, Jnnz, Jadr, Jcol, J, weight, address, 
 
 @compiled()
 def tied_contacts(kinds, number, constraints, Jnnz, Jadr, Jcol, J, weight, address):
-    """Return what `find_tied` writes."""
+    """Return the result of `find_tied`."""
     tied = np.zeros(len(address), np.bool_)
     find_tied(kinds, number, constraints, Jnnz, Jadr, Jcol, J, weight, address, tied)
     return tied
@@ -159,11 +159,11 @@ def mark_tied(w, constraints, jacobian, tied):
 
 @kernel
 def leave_tied_out(w, jacobian, chosen):
-    """Let MuJoCo's rows of contacts that are tied not be chosen, bool (nefc,).
+    """Unselect MuJoCo's rows of contacts that are tied, bool (nefc,).
 
     Args:
-        w: the world, contacts current; it has `bilateral`, the address of kinds of equality constraints.
-        jacobian: of its rows.
+        w: the world with current contacts; its `bilateral` is the address of the kinds of equality constraints.
+        jacobian: the Jacobian of its rows.
         chosen: written.
     """
     many = number(w, DATA.ncon)

@@ -1,37 +1,37 @@
-"""Velocities and gradients where the kinetic metric is the Euclidean one, by MuJoCo's sparse factor ``M = L^T D L``."""
+"""Coordinates in which the kinetic metric is Euclidean, by MuJoCo's sparse factor ``M = L^T D L``."""
 
 from __future__ import annotations
 
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones.algebra.loops import plain
 
-_ROUNDING = 1e-12  # of entries of J, m or m/rad: limbs that overlap where their joint is cannot be moved apart
+_ROUNDING = 1e-12  # smallest entries of J, m or m/rad: limbs that overlap at their common joint cannot be moved apart
 
 
 @plain
 def whiten(nnz, adr, col, val, start, work, mark, factor, Mnnz, Madr, Mcol, root, tree, treeadr, treenum, out, colout):
-    """Write one row of ``Y = J L^-1 D^-1/2`` to the end of what is known of Y and return the number of its entries.
+    """Append one row of ``Y = J L^-1 D^-1/2`` to the known rows of Y, and return the number of its entries.
 
-    Entries of J that are rounding are 0: a row of such entries would let huge impulses through.
+    Entries of J that are rounding are set to 0: a row of such entries would admit huge impulses.
 
     Args:
-        nnz: entries of the row of J.
-        adr: where they begin.
-        col: degrees of freedom of all entries of J.
+        nnz: number of entries of the row of J.
+        adr: index of the first entry.
+        col: degree of freedom of all entries of J.
         val: the entries of J.
-        start: where the row is to begin in out.
-        work: zeros, (nv,); zeros again in the end.
-        mark: trees that the row touches, (ntree,); False again in the end.
+        start: index in ``out`` at which the row begins.
+        work: zeros, (nv,); zeros again at the end.
+        mark: trees that the row touches, (ntree,); False again at the end.
         factor: L, strictly lower part of rows as in MuJoCo's M.
-        Mnnz: entries of each row of M.
-        Madr: where they begin.
-        Mcol: their columns, the diagonal last.
+        Mnnz: number of entries of each row of M.
+        Madr: index of the first entry of each row.
+        Mcol: column of each entry, the diagonal last.
         root: ``D^-1/2``, (nv,).
-        tree: of each degree of freedom.
+        tree: tree of each degree of freedom.
         treeadr: first degree of freedom of each tree.
-        treenum: number of them.
+        treenum: number of degrees of freedom of each tree.
         out: the entries of Y.
-        colout: their degrees of freedom.
+        colout: degree of freedom of each entry of Y.
     """
     for k in range(adr, adr + nnz):
         if abs(val[k]) > _ROUNDING:
@@ -57,7 +57,7 @@ def whiten(nnz, adr, col, val, start, work, mark, factor, Mnnz, Madr, Mcol, root
 
 @plain
 def unwhitened(z, factor, Mnnz, Madr, Mcol, root, v):
-    """Write ``L^-1 D^-1/2 z``, the velocity of whitened coordinates, (nv,)."""
+    """Write ``L^-1 D^-1/2 z``, the velocity for whitened coordinates z, (nv,)."""
     for i in range(len(z)):
         s = z[i] * root[i]
         for a in range(Madr[i], Madr[i] + Mnnz[i] - 1):
@@ -67,7 +67,7 @@ def unwhitened(z, factor, Mnnz, Madr, Mcol, root, v):
 
 @plain
 def apply_inverse(factor, Mnnz, Madr, Mcol, inverse, x):
-    """Overwrite a force, (nv,), by ``M_h^-1 f``."""
+    """Replace a force, (nv,), by ``M_h^-1 f``."""
     for i in range(len(x) - 1, -1, -1):
         for a in range(Madr[i], Madr[i] + Mnnz[i] - 1):
             x[Mcol[a]] -= factor[a] * x[i]
@@ -87,7 +87,7 @@ def solve_inertia(force, factor, Mnnz, Madr, Mcol, inverse):
 
 @plain
 def whitened(velocity, factor, Mnnz, Madr, Mcol, root, z):
-    """Write ``z = D^1/2 L v``, (nv,), whose products with whitened rows are the velocities of these."""
+    """Write ``z = D^1/2 L v``, (nv,), whose products with whitened rows are the velocities of the rows."""
     for i in range(len(velocity)):
         s = velocity[i]
         for a in range(Madr[i], Madr[i] + Mnnz[i] - 1):
