@@ -1,4 +1,4 @@
-"""What a step changes in the model for its own time: options and margins, given back at its end."""
+"""Options and margins that a step changes in the model, and restores at its end."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ _MARGINS = ("body_margin", "geom_margin", "geom_gap", "pair_margin", "pair_gap",
 
 
 class BorrowedModel:
-    """Changes options and margins of a model within a ``with`` block: the user's own are read at its start.
+    """Changes options and margins of a model within a ``with`` block, which reads the user's own at its start.
 
-    Cones are elliptic, nothing sleeps, and MuJoCo's gaps count where something sticks across them only. RK4 becomes
-    Euler, and the implicit integrators the one whose mass matrix is symmetric, implicitfast.
+    Cones are elliptic, and no body sleeps. MuJoCo's gaps count only if bodies stick across them. RK4 becomes Euler, and
+    the implicit integrators become implicitfast, whose mass matrix is symmetric.
 
     Attributes:
-        cone: of the user's choice.
-        damped: whether the integrator damps implicitly, by a mass matrix of its own.
-        integrator: of MuJoCo, for the forces without contact.
-        sticks: whether something sticks across gaps.
+        cone: kind of friction cone that the user has chosen.
+        damped: whether the integrator damps implicitly, with its own mass matrix.
+        integrator: MuJoCo's integrator for the forces without contact.
+        sticks: whether bodies can stick across gaps.
     """
 
     def __init__(self, model: mujoco.MjModel):
@@ -37,7 +37,7 @@ class BorrowedModel:
         self._kept = [array.copy() for array in self._margins]
         self._gaps = [array for name in ("geom_gap", "pair_gap") if (array := getattr(model, name)).size]
         self.sticks = bool(model.flg_adhesion or (model.nu and (model.actuator_trntype == _BODY).any()))
-        if self.sticks:  # across the gap
+        if self.sticks:  # bodies stick across the gap
             self._gaps = []
         self.cone = model.opt.cone
         self.damped = False
@@ -64,23 +64,23 @@ class BorrowedModel:
         return self
 
     def tighten_margins(self, reach: float) -> None:
-        """Let no contact be found farther away than reach, m, where nothing sticks across gaps."""
+        """Reduce margins so that contacts are found only up to this reach, m, unless bodies stick across gaps."""
         if self._gaps:
             for name in ("body_margin", "geom_margin", "pair_margin"):
                 margin = getattr(self._model, name)
                 np.minimum(margin, reach, out=margin)
 
     def margins(self) -> list[np.ndarray]:
-        """Return a copy of all margins of now."""
+        """Return a copy of all current margins."""
         return [array.copy() for array in self._margins]
 
     def widen_margins(self, least: list[np.ndarray]) -> None:
-        """Let no margin be smaller than what `margins` has returned."""
+        """Increase margins to at least those that `margins` has returned."""
         for array, other in zip(self._margins, least, strict=True):
             np.maximum(array, other, out=array)
 
     def scale_margins(self, share: float) -> None:
-        """Leave a share of all margins."""
+        """Multiply all margins by a factor."""
         for array in self._margins:
             array *= share
 
@@ -94,9 +94,9 @@ class BorrowedModel:
             array[:] = kept
 
     def __getstate__(self) -> dict[str, mujoco.MjModel]:
-        """A copy borrows from the copy of the model."""
+        """Return the model only: a copy changes the copy of the model."""
         return {"model": self._model}
 
     def __setstate__(self, state: dict[str, mujoco.MjModel]) -> None:
-        """Begin anew."""
+        """Start again with the model."""
         self.__init__(state["model"])

@@ -1,4 +1,4 @@
-"""The contact problem of a step: what the law asks for, the impulses, and collisions one after another."""
+"""The contact problem of a step: targets of the law, impulses, and collisions one after another."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, PHASES, RESO
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """What a step starts from; see `ContactProblem.find`."""
+    """The start of a step; see `ContactProblem.find`."""
 
     data: mujoco.MjData
     velocity: np.ndarray
@@ -42,21 +42,21 @@ class _Step:
 
 @dataclass(frozen=True, eq=False)
 class _Phase:
-    """Collisions at once: rows and what they aim at, and what `resolve_step` answers."""
+    """Simultaneous collisions: the rows, their targets, and the answer of `resolve_step`."""
 
-    rows: Rows  # that take part
-    place: np.ndarray  # of each of their rows in those that were given, int (n,)
-    later: np.ndarray  # the groups given that are left out because they are hit only through others, bool (g,)
+    rows: Rows  # rows that take part
+    place: np.ndarray  # index of each row that takes part among the given rows, int (n,)
+    later: np.ndarray  # given groups that are left out because they are hit only through others, bool (g,)
     cut: bool  # whether some such contacts are not left out
-    scalable: bool  # whether restitution creates energy that scaling it takes away, or that is an error
-    target: np.ndarray  # ``gamma^h`` of groups that take part
-    sliding: np.ndarray  # sliding velocities aimed at
-    collides: np.ndarray  # the groups that do
-    seen: Seen | None  # what the law has been shown, if it was asked
-    answer: tuple[Any, ...]  # of `resolve_step`
+    scalable: bool  # whether restitution creates energy, which must be scaled away or raised as an error
+    target: np.ndarray  # ``gamma^h`` of the groups that take part
+    sliding: np.ndarray  # target sliding velocities
+    collides: np.ndarray  # groups that collide
+    seen: Seen | None  # the contacts shown to the law, if it was asked
+    answer: tuple[Any, ...]  # answer of `resolve_step`
 
     def gives_up(self, left: np.ndarray) -> bool:
-        """Whether restitution is given up: bodies jam, or no work was left to find how much creates no energy."""
+        """Return whether restitution is given up: bodies jam, or no work was left to find what creates no energy."""
         share, created = self.answer[6:8]
         return bool(share == 0.0 or created > 0.0 >= left[0])
 
@@ -67,14 +67,14 @@ class _Phase:
 
 
 class ContactProblem:
-    """Finds the impulses of a step, under one law; see `scheme.TimeStepping`.
+    """Finds the impulses of a step under one law; see `scheme.TimeStepping`.
 
     Attributes:
         law: the law.
-        targets: what it asks for.
+        targets: the contact velocities that the law aims at.
         bilateral: kinds of equality constraints, 0 where collisions may violate them, uint8 (neq,).
-        names: of geoms, as in labels of contacts.
-        limits: of joints and tendons.
+        names: names of geoms, as in labels of contacts.
+        limits: the limits of joints and tendons.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class ContactProblem:
         self._take(law)
 
     def under(self, law: Law) -> ContactProblem:
-        """Return the same under another law."""
+        """Return the same problem under another law."""
         other = copy.copy(self)
         other._take(law)
         return other
@@ -103,7 +103,7 @@ class ContactProblem:
         self._exact = law.cone == "exact" if isinstance(law, Coulomb) else self._exact_cones
 
     def settings(self) -> tuple[float, float, float, float]:
-        """Return the options as compiled code takes them, see `compiled.state.world.Settings`."""
+        """Return the options in the form of compiled code, see `compiled.state.world.Settings`."""
         dissipative = {"project": 1.0, "allow": 0.0, "raise": -1.0}[self._on_inadmissible]
         return self._rest_speed, self._sliding, float(self._exact), dissipative
 
@@ -121,24 +121,25 @@ class ContactProblem:
         *,
         phases: bool,
     ) -> StepImpulses:
-        """Return what contact does in a step.
+        """Return the impulses and velocities of the contacts in a step.
 
-        In phases, contacts that are hit only through others, across a gap that is open, are left out first and collide
-        from the velocity to which that leads. There are at most `PHASES` of these, while more work than `RESERVE` is
-        left, none after one whose problem was not solved; in the last one such a contact just touches. Restitution is
-        scaled so that it creates no energy only where nothing more is left out: what is reserved is for that.
+        With phases, contacts that are hit only through others, across an open gap, are left out first, and collide
+        starting from the velocity after the collision of the others. There are at most `PHASES` phases, as long as more
+        work than `RESERVE` is left, and no phase follows one whose problem was not solved. In the last phase such a
+        contact is merely kept from penetrating. Restitution is scaled so that it creates no energy only when no contact
+        is left out any more: the reserved work is for that.
 
         Args:
-            data: in the middle of the step, contacts current.
-            rows: that take part.
-            velocity: at the start of the step, (nv,).
-            free: without contact, (nv,).
+            data: the state in the middle of the step, with current contacts.
+            rows: the rows that take part.
+            velocity: velocity at the start of the step, (nv,).
+            free: velocity without contact, (nv,).
             middle: configuration in the middle of the step, (nq,).
             metric: the inertia of the step.
-            known: impulses of the step before, a guess.
-            rounds: of the slower solvers.
-            left: part of the work allowed in the step that is left, (1,), see `solvers.cones.budget.spend`.
-            phases: whether collisions may be one after another.
+            known: impulses of the last step, a guess.
+            rounds: rounds of the slower solvers.
+            left: remaining part of the work allowed in the step, (1,), see `solvers.cones.budget.spend`.
+            phases: whether contacts may collide one after another.
 
         Raises:
             DivergenceError: the forces are not finite.
@@ -179,7 +180,7 @@ class ContactProblem:
     def _meet(
         self, step: _Step, rows: Rows, before: np.ndarray, known: Known, rounds: int, may: np.ndarray, *, more: bool
     ) -> _Phase:
-        """Solve one phase: once, and if there may be `more`, again without what is hit only through others."""
+        """Solve one phase; if there may be `more`, solve it again without contacts that are hit only through others."""
         part, place, later = rows, np.arange(len(rows.scale)), np.zeros(len(may), dtype=bool)
         while True:
             keep = np.flatnonzero(~later)
@@ -214,7 +215,7 @@ class ContactProblem:
     ) -> _Phase:
         """Solve the problem of these rows; see `find`.
 
-        If restitution is to be `scaled`, it creates no energy, or that is an error.
+        If restitution is to be `scaled`, it creates no energy, or an error is raised.
         """
         model, (factor, inverse), h = self._model, step.metric, self._model.opt.timestep
         e = self.targets.restitution
@@ -255,10 +256,10 @@ class ContactProblem:
         collides: np.ndarray,
         bound: np.ndarray,
     ) -> tuple[Seen | None, bool]:
-        """Ask the law, and let equality constraints keep their velocity in the collision.
+        """Get the targets of the law, and make equality constraints keep their velocity in the collision.
 
-        Write which of them must not drive it. Return what the law has been shown, and whether it couples contacts that
-        do not influence each other.
+        Write which constraints must not drive the collision. Return the contacts shown to the law, and whether the law
+        couples contacts that do not influence each other.
         """
         data, seen, together = step.data, None, False
         if self.targets.restitution is None:
@@ -277,7 +278,7 @@ class ContactProblem:
         return seen, together
 
     def _kinds(self, data: mujoco.MjData, rows: Rows) -> np.ndarray:
-        """Return `constraint_kinds` of groups that are equality constraints, 0 for others, uint8 (g,)."""
+        """Return `constraint_kinds` for groups that are equality constraints, 0 for other groups, uint8 (g,)."""
         kinds, equal = np.zeros(len(rows.key), dtype=np.uint8), rows.kind == BILATERAL
         kinds[equal] = self.bilateral[data.efc_id[rows.row[rows.first[equal]]]]
         return kinds
@@ -289,9 +290,9 @@ class ContactProblem:
     def _ask_law(
         self, seen: Seen, velocity: np.ndarray, target: np.ndarray, sliding: np.ndarray, collides: np.ndarray
     ) -> bool:
-        """Write the law's targets of the contacts that collide, and of those in touch that a law of all looks at.
+        """Write the law's targets for colliding contacts, and for closed ones they reach if the law looks at all.
 
-        Return whether it couples contacts that do not influence each other.
+        Return whether the law couples contacts that do not influence each other.
         """
         law, rows = self.targets, seen.rows
         if not law.alone:
@@ -310,7 +311,7 @@ class ContactProblem:
         return law.couples(collision)
 
     def _record(self, step: _Step, met: _Phase, before: np.ndarray, after: np.ndarray) -> CollisionRecord:
-        """Keep a collision as it was met."""
+        """Return a record of a collision."""
         rows, (x, _, _, reached, _, _, share, *_, aimed) = met.rows, met.answer
         seen = met.seen or self._see(step, rows)
         return CollisionRecord(

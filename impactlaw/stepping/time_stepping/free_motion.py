@@ -1,4 +1,4 @@
-"""A step up to its contact problem: bodies at the midpoint, and the velocity that forces alone lead to."""
+"""The part of a step before its contact problem: the midpoint, and the velocity due to forces alone."""
 
 from __future__ import annotations
 
@@ -29,26 +29,26 @@ _NO_ACTUATION = int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
 
 
 def update_frames(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Bring frames and velocities of bodies up to the state."""
+    """Update frames and velocities of bodies to the state."""
     mj_kinematics(model, data)
     mj_comPos(model, data)
     mj_comVel(model, data)
 
 
 def frames_of(data: mujoco.MjData) -> tuple[bytes, ...]:
-    """Return one field of each of the stages of `update_frames`: a state can be loaded without them."""
+    """Return one field of each stage of `update_frames`, to notice a state that was loaded without calling it."""
     return data.xipos.tobytes(), data.subtree_com.tobytes(), data.cvel.tobytes()
 
 
 def update_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Bring lengths of tendons and the mass matrix up to the frames."""
+    """Update lengths of tendons and the mass matrix to the frames."""
     if model.ntendon:
         mujoco.mj_tendon(model, data)
     mujoco.mj_makeM(model, data)
 
 
 def reach(model: mujoco.MjModel, data: mujoco.MjData, gained: np.ndarray, sizes: np.ndarray, surface: float) -> None:
-    """Let MuJoCo find the contacts that bodies can reach in this step."""
+    """Set margins such that MuJoCo finds the contacts that bodies can reach in this step."""
     find_sizes(sizes, model.geom_type, model.geom_bodyid, model.geom_pos, model.geom_rbound, model.body_ipos)
     velocity, now = data.qvel.copy(), data.cvel.copy()
     data.qvel += gained
@@ -86,10 +86,10 @@ def look_farther(
     sizes: np.ndarray,
     surface: float,
 ) -> bool:
-    """Let MuJoCo find the contacts that bodies can reach after a collision, and data be as it was without contact.
+    """Find the contacts that bodies can reach after a collision, with data as it was without contact.
 
-    What was found before is found again, even if it is out of reach now: it may have led to the collision.
-    Return whether MuJoCo had no room for all contacts.
+    All contacts that were found before are found again, even if they are now out of reach: they may have caused the
+    collision. Return whether MuJoCo had no room for all contacts.
     """
     led_to, before = data.cvel.copy(), borrowed.margins()
     data.qpos[:], data.qvel[:] = middle, start
@@ -105,7 +105,7 @@ def look_farther(
 def to_midpoint(
     model: mujoco.MjModel, data: mujoco.MjData, surfaces: Surfaces | None, borrowed: BorrowedModel
 ) -> tuple[np.ndarray, bool]:
-    """Put bodies where they are in the middle of the step, and compute all forces but those of contact there.
+    """Move bodies to the middle of the step, and compute all forces except those of contact there.
 
     Return the configuration, (nq,), and whether MuJoCo had no room for all contacts.
     """
@@ -119,7 +119,7 @@ def to_midpoint(
     middle = data.qpos.copy()
     overflown = _find_contacts(model, data, borrowed)
     if model.nsensordata:
-        data.flg_subtreevel = data.flg_rnepost = False  # what of the last step MuJoCo takes to be still right
+        data.flg_subtreevel = data.flg_rnepost = False  # otherwise MuJoCo would reuse results of the last step
         without_far_limits(mujoco.mj_sensorPos, model, data)
     mj_fwdVelocity(model, data)
     if model.nsensordata:
@@ -133,7 +133,7 @@ def to_midpoint(
 
 
 def _find_contacts(model: mujoco.MjModel, data: mujoco.MjData, borrowed: BorrowedModel) -> bool:
-    """Compute all that depends on positions; where MuJoCo has no room for all contacts, with smaller margins."""
+    """Compute everything that depends on positions, with smaller margins if MuJoCo has no room for all contacts."""
     for share in SHARES:
         seen = data.warning.number[_FULL].sum()
         mj_fwdPosition(model, data)
@@ -147,7 +147,7 @@ def _find_contacts(model: mujoco.MjModel, data: mujoco.MjData, borrowed: Borrowe
 
 
 def _mend_contacts(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Make frames orthogonal, and put points where they belong; see `scene.frames` and `problem.points`."""
+    """Make contact frames orthogonal, and correct contact points; see `scene.frames` and `problem.points`."""
     found, bodies = data.contact, (model.geom_bodyid, model.body_weldid, model.body_treeid)
     if data.ncon and mend_contacts(found.dist, found.pos, found.frame, found.dim, found.geom, *bodies):
         mujoco.mj_makeConstraint(model, data)
@@ -161,7 +161,7 @@ def free_step(
     start: np.ndarray,
     held: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Let MuJoCo's integrator advance velocity, activations and time without contact.
+    """Advance velocity, activations and time by MuJoCo's integrator without contact.
 
     Return L and 1 / D of the mass matrix of the step, ``M_h = L^T D L``.
     """
@@ -177,7 +177,7 @@ def free_step(
 def limit_energy(
     model: mujoco.MjModel, data: mujoco.MjData, inertial: InertialForces, start: np.ndarray, velocity: np.ndarray
 ) -> None:
-    """Scale velocities down until no tree that turns fast has gained more energy than forces and contact gave."""
+    """Scale down velocities of trees that turn fast, so that they gain no more energy than forces and contact gave."""
     end, forces = data.qpos.copy(), data.qfrc_smooth + data.qfrc_bias - inertial.gravity + data.qfrc_constraint
     work = _of_trees(model, forces, model.opt.timestep * (velocity + data.qvel))
     data.qpos[:] = start
@@ -192,7 +192,7 @@ def limit_energy(
 
 
 def _momentum(model: mujoco.MjModel, data: mujoco.MjData, velocity: np.ndarray) -> np.ndarray:
-    """Return ``M v`` of now, (nv,)."""
+    """Return ``M v`` at the current state, (nv,)."""
     momentum = np.empty(model.nv)
     update_inertia(model, data)
     mujoco.mj_mulM(model, data, momentum, velocity.copy())
@@ -200,5 +200,5 @@ def _momentum(model: mujoco.MjModel, data: mujoco.MjData, velocity: np.ndarray) 
 
 
 def _of_trees(model: mujoco.MjModel, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return the inner product of the parts of two vectors that belong to each tree of bodies, (ntree,)."""
+    """Return the inner product of two vectors, restricted to each tree of bodies, (ntree,)."""
     return np.bincount(model.dof_treeid, one * other, model.ntree)

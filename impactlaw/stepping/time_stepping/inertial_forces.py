@@ -1,16 +1,16 @@
-"""Coriolis and gyroscopic forces c, such that no energy of first order in the timestep h comes of them.
+"""Coriolis and gyroscopic forces c, evaluated such that they create no energy of first order in the timestep h.
 
-MuJoCo's integrators evaluate them at the velocity of the start, which makes such energy. Here they are those of the
-mean velocity of the step, in which contact is expected to do what it did in the step before. Where a collision makes
-the velocity jump, that makes energy again if the mass matrix depends on the configuration, for
-``v^T c(v) = v^T (dM/dt) v / 2``. Then the collision is between two half steps, each with its own mean:
+MuJoCo's integrators evaluate them at the velocity of the start, which creates such energy. Here they are evaluated at
+the mean velocity of the step, in which contact is expected to have the same effect as in the last step. If a collision
+makes the velocity jump and the mass matrix depends on the configuration, this creates energy again, since
+``v^T c(v) = v^T (dM/dt) v / 2``. Then the collision is put between two half steps, each with its own mean velocity:
 
     v~- = v- - (h / 2) M^-1 c((v- + v~-) / 2)
     v~+ = v~- + M_h^-1 (h f + J^T Lambda)
     v+  = v~+ - (h / 2) M^-1 c((v~+ + v+) / 2)
 
-(G. Strang, *On the construction and comparison of difference schemes*, SIAM J. Numer. Anal. 5, 1968.) The law
-is asked for a jump from ``v~- + (v~+ - v+)`` to v+, in which contact does the same work as from v~- to v~+.
+(G. Strang, *On the construction and comparison of difference schemes*, SIAM J. Numer. Anal. 5, 1968.) The law is asked
+for a jump from ``v~- + (v~+ - v+)`` to v+, in which contact does the same work as from v~- to v~+.
 """
 
 from __future__ import annotations
@@ -23,38 +23,38 @@ from impactlaw.stepping.compiled.whitening import solve_inertia
 from impactlaw.stepping.plan import has_constant_inertia
 
 ROUNDS = 6
-"""Fixed point iterations at most, for bodies that turn fast."""
+"""Largest number of fixed point iterations; bodies that turn fast need several."""
 
-SETTLED = 1e-2  # part of the velocity by which a round may change it and be the last one
-STILL = 1e-9  # m/s or rad/s by which it may anyway
+SETTLED = 1e-2  # relative change of velocity below which the iteration ends
+STILL = 1e-9  # m/s or rad/s: absolute change below which it also ends
 
 FAST = 0.5
-"""Angle in a timestep, rad, of an angular velocity above which energy is watched."""
+"""Rotation in a timestep, rad, above which the energy of a tree is checked."""
 
 HALF_ROUNDS = 12
-"""The same for the forces of half a step, of which the energy of a collision depends."""
+"""Largest number of iterations for the forces of half a step, which determine the energy of a collision."""
 
-HALF_SETTLED = 1e-10  # part of these forces
+HALF_SETTLED = 1e-10  # relative change of these forces below which the iteration ends
 
 SMALL_PART = 1e-2
-"""Part of the energy of a collision below which that of these forces is left: then others push bodies apart."""
+"""Part of the energy created by a collision below which that of these forces is ignored: other forces create it."""
 _FREE, _BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
 _HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
-_ROUND = 1e-9  # relative difference of moments of inertia that is rounding
+_ROUND = 1e-9  # relative difference of moments of inertia that counts as rounding
 
 INERTIA = ("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_pos", "body_quat", "tendon_armature")
-"""Fields of mjModel that may make such forces act where there were none."""
+"""Fields of mjModel whose change may introduce such forces."""
 
 
 class InertialForces:
     """The forces of one scene, ``M_h (v_free - v) = h (f - c(q_M, (v + v_free) / 2))``.
 
     Attributes:
-        act: whether there are any, as `look` has seen it last.
-        used: those of the last `settle`, with gravity, (nv,).
-        turning: trees of bodies that turn too fast for the timestep, or nearly so, bool (ntree,); where no mean
-            velocity was found, the last step did without these forces.
-        gravity: at the middle of the step, (nv,), if there are such trees.
+        act: whether there are such forces, according to the last `look`.
+        used: the forces in the last `settle`, with gravity, (nv,).
+        turning: trees of bodies that turn too fast for the timestep, or nearly so, bool (ntree,). If no mean velocity
+            was found for a tree, the last step left its forces out.
+        gravity: the force of gravity in the middle of the step, (nv,), if there are such trees.
     """
 
     def __init__(self, model: mujoco.MjModel):
@@ -69,14 +69,13 @@ class InertialForces:
         self._rotates = np.isin(kind, [_BALL, _HINGE]) | ((kind == _FREE) & (place >= 3))
 
     def __reduce__(self) -> tuple[type[InertialForces], tuple[mujoco.MjModel]]:
-        """A copy looks at the arrays of its own model."""
+        """Make copies that look at the arrays of their own model."""
         return InertialForces, (self._model,)
 
     def look(self) -> bool:
-        """Return whether there are any, from now on; looks anew where a mass was changed and there were none.
+        """Return whether there are such forces; if not so far, check again when a mass has changed.
 
-        There are where the mass matrix depends on the configuration, or what turns freely has moments of inertia that
-        differ.
+        There are if the mass matrix depends on the configuration, or if a free body has unequal moments of inertia.
         """
         if not self.act:
             seen = [field.tobytes() for field in self._looked]
@@ -93,7 +92,7 @@ class InertialForces:
         metric: tuple[np.ndarray, np.ndarray],
         h: float,
     ) -> np.ndarray:
-        """Return where forces lead without contact, (nv,)."""
+        """Return the velocity without contact, (nv,)."""
         free, loose = data.qvel.copy(), np.ones(self._model.ntree, dtype=bool)
         self.turning = h * self._largest(np.where(self._rotates, start, 0.0)) > FAST
         for _ in range(ROUNDS):
@@ -109,20 +108,20 @@ class InertialForces:
         return free
 
     def _largest(self, vector: np.ndarray) -> np.ndarray:
-        """Return the largest size in each tree of bodies, (ntree,)."""
+        """Return the largest absolute value in each tree of bodies, (ntree,)."""
         largest = np.zeros(self._model.ntree)
-        with np.errstate(invalid="ignore"):  # what is not finite is found at the end of the step
+        with np.errstate(invalid="ignore"):  # values that are not finite are found at the end of the step
             np.maximum.at(largest, self._model.dof_treeid, np.abs(vector))
         return largest
 
     def _watch(self, data: mujoco.MjData, loose: np.ndarray) -> None:
-        """Let further trees be some that turn too fast."""
+        """Add trees to those that turn too fast."""
         self.turning = self.turning | loose
         if np.count_nonzero(self.turning):
             self.gravity = self.at(data, np.zeros(self._model.nv))
 
     def at(self, data: mujoco.MjData, velocity: np.ndarray) -> np.ndarray:
-        """Return those at a velocity, with gravity, (nv,) each."""
+        """Return the forces at a velocity, with gravity, (nv,)."""
         kept, bias = data.qvel.copy(), np.empty(self._model.nv)
         data.qvel[:] = velocity
         mujoco.mj_comVel(self._model, data)
@@ -140,9 +139,9 @@ class InertialForces:
         metric: tuple[np.ndarray, np.ndarray],
         h: float,
     ) -> tuple[np.ndarray, bool]:
-        """Return those of half a step that ends at a velocity, or with h < 0 begins there, without gravity, (nv,).
+        """Return the forces in half a step that ends at a velocity, or begins there if h < 0, without gravity, (nv,).
 
-        And whether they are settled.
+        Also return whether the iteration has converged.
         """
         before = force = self.at(data, velocity) - gravity
         for _ in range(HALF_ROUNDS):
@@ -155,19 +154,19 @@ class InertialForces:
     def lead_to(
         self, data: mujoco.MjData, start: np.ndarray, bias: np.ndarray, metric: tuple[np.ndarray, np.ndarray], h: float
     ) -> np.ndarray:
-        """Return where forces lead without contact, (nv,), these being a bias, with gravity, (nv,); see `settle`."""
+        """Return the velocity without contact, (nv,), for given inertial forces with gravity, (nv,); see `settle`."""
         return self.kick(start, data.qfrc_smooth + data.qfrc_bias - bias, metric, h)
 
     def kick(
         self, velocity: np.ndarray, force: np.ndarray, metric: tuple[np.ndarray, np.ndarray], h: float
     ) -> np.ndarray:
-        """Return the velocity to which a force leads in a time h, (nv,)."""
+        """Return the velocity after a force has acted for a time h, (nv,)."""
         return velocity + h * self._accelerate(force, metric)
 
     def created(self, data: mujoco.MjData, start: np.ndarray, h: float) -> float:
-        """Return the kinetic energy beside that of other forces in a step from a velocity to that of data, J.
+        """Return the kinetic energy that these forces create in a step from a velocity to that of data, J.
 
-        It is of first order in h, and of those of the last `settle`.
+        It is the part of first order in h, due to the forces of the last `settle`.
         """
         after = data.qvel
         own = after @ self.at(data, after) + start @ data.qfrc_bias
@@ -179,7 +178,7 @@ class InertialForces:
 
 
 def _is_uneven(model: mujoco.MjModel) -> bool:
-    """Return whether moments of inertia differ of what a free joint carries, all bodies that are fixed to it."""
+    """Return whether a free joint carries a body, including all bodies fixed to it, with unequal moments of inertia."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)

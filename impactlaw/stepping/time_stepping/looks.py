@@ -1,4 +1,4 @@
-"""Contacts are found and the problem is solved in turn, while its velocity closes contacts that were left out."""
+"""Find contacts and solve their problem in turn, as long as the resulting velocity closes contacts left out."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from impactlaw.stepping.time_stepping.tolerances import (
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """What one look has found."""
+    """The result of one look."""
 
-    rows: Rows  # that take part; may be none
-    impulses: StepImpulses | None  # what contact does; None without rows
+    rows: Rows  # rows that take part, possibly none
+    impulses: StepImpulses | None  # impulses and velocities of contact; None without rows
     known: Known | None  # impulses, a guess for the next look or step
-    unseen: bool = False  # whether contacts are left out that the velocity found would close
+    unseen: bool = False  # whether contacts are left out that the resulting velocity would close
 
     @property
     def loses(self) -> bool:
@@ -42,13 +42,13 @@ class Look:
 
     @property
     def collided(self) -> np.ndarray | None:
-        """Which groups have collided, bool (g,), in the first of several collisions; None if none has."""
+        """Groups that have collided, bool (g,), in the first of several collisions; None if none has."""
         collisions = self.impulses.collisions if self.impulses else ()
         return collisions[0].collides if collisions else None
 
     @property
     def met(self) -> bool:
-        """Whether the law of the normal directions is met."""
+        """Whether the law is met in the normal directions."""
         return self.impulses is None or is_met(self.impulses.shortfall, self.impulses.fastest)
 
     @property
@@ -59,27 +59,27 @@ class Look:
 
 @dataclass(frozen=True, eq=False)
 class Looks:
-    """Finds what contact does in one step."""
+    """Finds the effect of contact in one step."""
 
     model: mujoco.MjModel  # the scene
-    problem: ContactProblem  # of contact, under the law
-    reader: RowReader  # of rows
+    problem: ContactProblem  # the contact problem under the law
+    reader: RowReader  # reader of rows
     inertial: InertialForces  # Coriolis and gyroscopic forces
-    velocity: np.ndarray  # at the start of the step, (nv,)
+    velocity: np.ndarray  # velocity at the start of the step, (nv,)
     middle: np.ndarray  # configuration in the middle of the step, (nq,)
     metric: Metric  # the inertia of the step
-    work: np.ndarray  # part of the work allowed in the step that is left, (1,), see `solvers.cones.budget.spend`
-    rounds: int  # of the slower solvers
-    phases: bool = False  # whether collisions may be one after another
-    moved: np.ndarray | None = None  # what is added to the velocity before a collision, (nv,), see `inertial_forces`
+    work: np.ndarray  # remaining part of the work allowed in the step, (1,), see `solvers.cones.budget.spend`
+    rounds: int  # rounds of the slower solvers
+    phases: bool = False  # whether contacts may collide one after another
+    moved: np.ndarray | None = None  # added to the velocity before a collision, (nv,), see `inertial_forces`
 
     def find(self, data: mujoco.MjData, known: Known | None) -> Look:
-        """Add what contact does to the velocity of data, and return what the last look has found.
+        """Add the effect of contact to the velocity of data, and return the result of the last look.
 
-        Contacts that are far from closing are left out. If the velocity found would close one of them, it takes part.
-        Where contacts are hit only through others, these collide first, which may close further ones. The same is
-        tried where a few looks do not find all that is closed.
-        Where Coriolis and gyroscopic forces create energy because of a collision, it is between two half steps.
+        Contacts that are far from closing are left out; if the resulting velocity would close one of them, it takes
+        part in the next look. If contacts are hit only through others, the others collide first, which may close
+        further contacts. The same is tried if a few looks do not find everything that closes. If Coriolis and
+        gyroscopic forces create energy because of a collision, the collision is put between two half steps.
         """
         free, h, begun = data.qvel.copy(), self.model.opt.timestep, self.work[0]
         near, look = self.reader.near(data, self.velocity, free, 2.0 * h), 1
@@ -99,7 +99,7 @@ class Looks:
         return replace(looks._lose_energy(data, near, free, found), unseen=unseen)
 
     def _lose_energy(self, data: mujoco.MjData, near: np.ndarray, free: np.ndarray, found: Look) -> Look:
-        """Let a collision be between two half steps if it creates energy together with inertial forces."""
+        """Put a collision between two half steps if it creates energy together with inertial forces."""
         forces, metric, v, h = self.inertial, self.metric, self.velocity, self.model.opt.timestep
         if found.impulses is None or not found.impulses.collisions or not forces.act:
             return found
@@ -128,7 +128,7 @@ class Looks:
         return found
 
     def _size(self, work: float) -> float:
-        """Return energy that a collision creates, or where nothing is to be lost either, its size."""
+        """Return the energy that a collision creates; its absolute value if energy must not be lost, either."""
         return abs(work) if self.problem.targets.restitution == 1.0 and not self.reader.frictional else work
 
     def _try(
@@ -139,7 +139,7 @@ class Looks:
         known: Known | None,
         collided: np.ndarray | None = None,
     ) -> Look:
-        """Solve the problem of the rows that are near; between half steps what has collided before does so again."""
+        """Solve the problem of the rows that are near; between half steps, the same contacts collide as before."""
         rows = self.reader.read(data, near, self.velocity, free, self.metric)
         if not len(rows.key):
             return Look(rows, None, known)

@@ -1,4 +1,4 @@
-"""Which time stepping a scene and a law have: in compiled code, or in Python."""
+"""Make the time stepping of a scene and a law, in compiled code or in Python."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 _SOLVER, _ENTRY = "impactlaw.solvers.cones.solve", "impactlaw.stepping.time_stepping.compiled.entry"
-"""Modules that call all that is compiled for steps in Python, and for those that are compiled themselves."""
+"""Modules that call all functions compiled for steps in Python, and for compiled steps."""
 _SCENE = """<mujoco><option timestep="0.01"/><worldbody><geom type="plane" size="1 1 1"/>
   <body pos="0 0 .09"><freejoint/><geom type="box" size=".1 .1 .1"/></body></worldbody></mujoco>"""
 
@@ -62,9 +62,10 @@ def make_time_stepping(
     Args:
         model: the scene.
         law: the law.
-        plan: of the scene.
-        compiled: None for compiled code where it can be had, "auto" to warn where not, "never" for Python.
-        options: of `scheme.TimeStepping`.
+        plan: the plan of the scene.
+        compiled: None for compiled code if it covers scene and law, "auto" for the same with a warning if it does not,
+            "never" for Python.
+        options: options of `scheme.TimeStepping`.
     """
     warm_up(_SOLVER if compiled == "never" else _ENTRY)
     from impactlaw.stepping.time_stepping.scheme import TimeStepping

@@ -1,21 +1,22 @@
-"""Time stepping after Moreau and Jean: one look at contacts, one problem for impacts and held contact, every step.
+"""Time stepping after Moreau and Jean: in every step one look at contacts, and one problem for all of them.
 
 With the timestep h, the integrator's mass matrix ``M_h`` and everything evaluated at the midpoint ``q_M``:
 
     q_M = q ⊕ (h / 2) v
     v_free = v + h M_h^-1 f(q_M, v)                          MuJoCo's integrator without contact
     0 <= Lambda  ⊥  J v+ - gamma^h >= 0,  v+ = v_free + M_h^-1 J^T Lambda      and friction in its cones
-    q+ = q_M ⊕ ((h / 2) v+ + h w)                            w opens overlaps, beside the velocities
+    q+ = q_M ⊕ ((h / 2) v+ + h w)                            w opens overlaps, separately from the velocities
 
 (J. J. Moreau, *Numerical aspects of the sweeping process*, Comput. Methods Appl. Mech. Eng. 177, 1999; M. Jean, same
-volume.) ``gamma^h`` is the law's where contacts collide (`targets`), and half of what gradients turn where contact goes
-on (`turns`). What contact does in a step is ``Lambda^T (gamma- + gamma+) / 2``, and forces that do not depend on
-velocity do their work to second order: so no energy comes from contact, and an elastic ball keeps its own exactly.
+volume.) ``gamma^h`` is the law's target for colliding contacts (`targets`), and half the turn of the gradient for
+persistent contacts (`turns`). The work of contact in a step is ``Lambda^T (gamma- + gamma+) / 2``, and forces that do
+not depend on velocity do their work to second order. Therefore contact creates no energy, and an elastic ball keeps its
+energy exactly.
 
-A contact that is hit only through others, across a gap that is still open, collides after them in the same step, from
-the velocity that they lead to (`problem.phases`).
+A contact that is hit only through others, across a gap that is still open, collides after them in the same step,
+starting from the velocity after their collision (`problem.phases`).
 
-No step fails: what cannot be reached is left at the nearest point, and ``shortfall`` says by how much.
+No step fails: if the law cannot be met, the step ends at the nearest point, and ``shortfall`` gives the deviation.
 """
 
 from __future__ import annotations
@@ -68,16 +69,17 @@ _ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 class TimeStepping:
     """The algorithm behind ``Stepper(contact_model="rigid", scheme="time-stepping")``; see there for the options.
 
-    Of its own is ``touching``, the gap, m or rad, up to which bodies at rest touch.
+    The only other option is ``touching``, the gap, m or rad, up to which bodies at rest touch.
 
     Attributes:
-        shortfall: largest amount by which a normal contact velocity of the last step misses its law, m/s or rad/s.
-        short_steps: steps so far in which that is above `SHORTFALL_LIMIT` of the largest contact velocity, or in which
-            friction was not found (its natural map is above `SHORTFALL_LIMIT` of the largest velocity), or for which
-            MuJoCo had no room for all contacts, or in which contacts have lost their restitution: those hit through
-            others, and bodies that jam; or in which contacts were left out that collisions close.
-        solved: whether the last step with contact was none of them, friction that was not found aside.
-        unlocated: always 0: no collision is located.
+        shortfall: largest amount by which a normal contact velocity of the last step misses the law, m/s or rad/s.
+        short_steps: number of steps so far for which one of the following is true. The shortfall is above
+            `SHORTFALL_LIMIT` of the largest contact velocity. Friction was not found: its natural map is above
+            `SHORTFALL_LIMIT` of the largest velocity. MuJoCo had no room for all contacts. Contacts have lost their
+            restitution, because they were hit through others or because bodies jam. Contacts were left out that a
+            collision closes.
+        solved: whether the last step with contact is not among these steps, apart from friction that was not found.
+        unlocated: always 0, since no collision is located.
         inertial: Coriolis and gyroscopic forces.
     """
 
@@ -112,14 +114,14 @@ class TimeStepping:
         self._rows: Rows | None = None
         self._metric: Metric = np.zeros(0), np.zeros(0)
         self._middle, self._velocity = np.zeros(0), np.zeros(0)
-        self._gained = np.zeros(model.nv)  # velocity by the forces of the last step, without contact
+        self._gained = np.zeros(model.nv)  # change of velocity by forces in the last step, without contact
         self._meet = 0.0  # speed of moving surfaces, m/s
-        self._held = np.zeros(model.nv)  # what contact has added to it, if nothing collided
+        self._held = np.zeros(model.nv)  # change of velocity by contact in the last step, if nothing collided
         self.shortfall, self.short_steps, self.unlocated = 0.0, 0, 0
         self.solved, self._overflown = True, False
 
     def set_law(self, law: Law) -> None:
-        """Let the collisions of the next steps be by another law."""
+        """Use another law for the collisions of the next steps."""
         self._problem = self._problem.under(law)
 
     @property
@@ -129,32 +131,32 @@ class TimeStepping:
 
     @property
     def carriers(self) -> np.ndarray:
-        """Which mocap body carries each geom, see `Surfaces`, int32 (ngeom,)."""
+        """The mocap body that carries each geom, see `Surfaces`, int32 (ngeom,)."""
         none = np.full(self._model.ngeom, -1, np.int32)
         return none if self._surfaces is None else self._surfaces.carrier
 
     @property
     def problem(self) -> ContactProblem:
-        """What finds impulses, and what it knows of the law and of contacts."""
+        """The contact problem, which finds impulses, with the law and the properties of contacts."""
         return self._problem
 
     def coefficients(self) -> Coefficients:
-        """Return a table of the law's coefficients, which is empty yet."""
+        """Return a table of the law's coefficients, initially empty."""
         problem = self._problem
         return Coefficients(problem.targets, problem.names, problem.limits, self._model.njnt)
 
     @property
     def last_motion(self) -> LastMotion | None:
-        """How mocap bodies have moved in the last step; None where they do not move surfaces."""
+        """Motion of mocap bodies in the last step; None if they move no surfaces."""
         return None if self._surfaces is None else self._surfaces.last_motion
 
     def move_on(self, motion: LastMotion | None) -> None:
-        """Let mocap bodies have moved like that in the step before."""
+        """Set the motion of mocap bodies in the last step."""
         if self._surfaces is not None and motion is not None:
             self._surfaces.go_on(motion)
 
     def take_surfaces(self, surfaces: Surfaces) -> None:
-        """Let mocap bodies go on as these surfaces do, if they move any."""
+        """Continue with these surfaces, moved by mocap bodies, if the scene has any."""
         if self._surfaces is not None:
             self._surfaces = surfaces
             self._reader = RowReader(self._model, surfaces, frictional=self._friction, touching=self._touching)
@@ -167,13 +169,14 @@ class TimeStepping:
     def resume(
         self, data: mujoco.MjData, known: Known, gained: np.ndarray, motion: LastMotion | None, *, solved: bool
     ) -> None:
-        """Go on from data as if the step before had been one of this scheme.
+        """Continue from data as if the last step had been one of this scheme.
 
         Args:
-            data: where that step ended; its frames become current.
+            data: the state at the end of that step; its frames become current.
             known: groups, keys, coefficients of friction and impulses of that step.
-            gained: velocity that forces added without contact in that step, and contact if nothing collided, (2, nv).
-            motion: of mocap bodies in that step.
+            gained: change of velocity in that step by forces without contact, and by contact if nothing collided, (2,
+                nv).
+            motion: motion of mocap bodies in that step.
             solved: whether that step has met the law.
         """
         with self._borrowed:
@@ -184,7 +187,7 @@ class TimeStepping:
         self.move_on(motion)
 
     def settings(self) -> tuple[float, ...]:
-        """Return the options as compiled code takes them, see `compiled.state.world.Settings`."""
+        """Return the options in the form of compiled code, see `compiled.state.world.Settings`."""
         targets = self._problem.targets
         return (
             *self._problem.settings(),
@@ -199,7 +202,7 @@ class TimeStepping:
         )
 
     def step(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
-        """Advance by one timestep and return what tells its collisions; data is back where it was after an error."""
+        """Advance by one timestep; return a function for its collisions, or (). After an error, data is as before."""
         model = self._model
         state, motion = save_state(model, data, self._state), self.last_motion
         kept = self._known, self._gained, self._held, self.solved, self.short_steps
@@ -219,7 +222,7 @@ class TimeStepping:
             raise
 
     def _events(self) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
-        """Return what tells the collisions of the last step."""
+        """Return a function that returns the collisions of the last step, or ()."""
         collisions = () if self._found is None else self._found.collisions
         if len(collisions) <= 1:
             return collisions[0].resolved if collisions else ()
@@ -265,7 +268,7 @@ class TimeStepping:
         update_frames(model, data)
         model.opt.cone = _ELLIPTIC
         shift = None
-        if self._rows is not None and met:  # what is squeezed cannot be opened
+        if self._rows is not None and met:  # overlaps that are squeezed cannot be opened
             shift = self._second_look.shift(data, self._rows, self._metric)
         if shift is not None:
             mj_integratePos(model, data.qpos, shift, h)
@@ -275,9 +278,9 @@ class TimeStepping:
         self._finish(data)
 
     def _contact(self, data: mujoco.MjData) -> tuple[np.ndarray | None, bool]:
-        """Add what contact does to the velocity.
+        """Add the effect of contact to the velocity.
 
-        Return the velocity that opens overlaps, if any has to be, and whether the law is met.
+        Return the velocity that opens overlaps, if there are any to open, and whether the law is met.
         """
         looks = Looks(
             self._model, self._problem, self._reader, self.inertial, self._velocity, self._middle, self._metric,
@@ -287,14 +290,14 @@ class TimeStepping:
         look, farther, work = looks.find(data, self._known), 0, 1.0
         while outruns := self._outruns(data, look):
             work, used = looks.work[0], work - looks.work[0]
-            if farther == FARTHER_LOOKS or not work - RESERVE > used:  # what another try finds would be worse
+            if farther == FARTHER_LOOKS or not work - RESERVE > used:  # a further attempt would find worse impulses
                 break
             self._overflown = look_farther(
                 self._model, data, self._borrowed, self._velocity, free, self._middle, self._sizes, self._meet
             )
             look, farther = looks.find(data, look.known), farther + 1
         self._found = found = look.impulses
-        data.qpos[:] = self._middle  # which the integrator has left: limits are counted there
+        data.qpos[:] = self._middle  # the integrator has changed it: limits are counted at the midpoint
         write_forces(
             self._model, data, self._velocity, self._borrowed.cone, (look.rows, found.impulse) if found else None
         )
@@ -309,12 +312,12 @@ class TimeStepping:
         return (found.shift if found and len(found.shift) else None), met
 
     def _outruns(self, data: mujoco.MjData, look: Look) -> bool:
-        """Return whether a collision throws a body farther than contacts were looked for, where there was room."""
+        """Return whether a collision throws a body farther than contacts were looked for, although there was room."""
         collides = look.impulses is not None and len(look.impulses.collisions) > 0
         return collides and not self._overflown and outrun(self._model, data, self._sizes)
 
     def _finish(self, data: mujoco.MjData) -> None:
-        """Leave what a step leaves beside the state."""
+        """Write the remaining outputs of a step beside the state."""
         if self._model.opt.enableflags & _ENERGY:
             update_inertia(self._model, data)
             mujoco.mj_energyPos(self._model, data)
@@ -323,5 +326,5 @@ class TimeStepping:
         self._leave(data)
 
     def _leave(self, data: mujoco.MjData) -> None:
-        """Remember the state in which the next step goes on from this one, and its frames."""
+        """Store the state from which the next step would continue, and its frames."""
         self._left, self._frames = (data.qpos.tobytes(), data.qvel.tobytes()), frames_of(data)

@@ -1,4 +1,4 @@
-"""Correction at the end of a step: contacts of bodies that turn fast are not where gradients at the midpoint say."""
+"""Correction at the end of a step: contacts of fast-turning bodies deviate from the gradients at the midpoint."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from impactlaw.stepping.time_stepping.problem.reader import RowReader
 from impactlaw.stepping.time_stepping.problem.rows import Rows, read_rows
 
 _SEEN = 3e-6
-"""Depth, m, that is worth a second look."""
+"""Smallest depth, m, that requires a second look."""
 _DEEP = 1e-4
-"""Depth, m or rad, of an overlap that is opened over time."""
+"""Depth, m or rad, beyond which an overlap is opened over time."""
 
 SLOP = 1e-8
-"""Depth, m or rad, that is left as it is."""
+"""Depth, m or rad, that is left uncorrected."""
 BEYOND = 4.0
-"""Times the depth: contacts up to there can be closed by what opens others."""
+"""Range, as a multiple of the depth, within which opening some contacts can close others."""
 _EDGES = tuple(int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("HFIELD", "CYLINDER", "BOX", "MESH"))
 """Shapes with edges."""
 _PLANE, _CYLINDER = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
@@ -37,7 +37,10 @@ def _turning(velocity, body):
 
 @plain
 def _acceleration(body, velocity, size, center, offset, parent):
-    """Return how much points of a body can accelerate where no joint does, m/s^2: ``w^2`` times the length of links."""
+    """Return a bound on the acceleration of points of a body at constant joint velocities, m/s^2.
+
+    It is ``w^2`` times the length of links.
+    """
     turning = _turning(velocity, body)
     most = turning * size[body]
     while body > 0:
@@ -52,17 +55,20 @@ def _acceleration(body, velocity, size, center, offset, parent):
 
 @plain
 def _arm(shapes, sizes):
-    """Return how far from a body's centre a contact can be that jumps from edge to edge of two shapes, m; else -1."""
+    """Return the distance from a body's centre of a contact that can jump between edges of two shapes, m.
+
+    Return -1 if it cannot jump.
+    """
     if shapes[0] in _EDGES and shapes[1] in _EDGES:
         return min(sizes)
-    if shapes == (_PLANE, _CYLINDER) or shapes == (_CYLINDER, _PLANE):  # it runs round the rim
+    if shapes == (_PLANE, _CYLINDER) or shapes == (_CYLINDER, _PLANE):  # the contact runs round the rim
         return max(sizes)
     return -1.0
 
 
 @plain
 def _sliding(one, other, velocity, arm, rates, first, many):
-    """Return how fast two bodies move along each other where a contact can be, m/s."""
+    """Return how fast two bodies slide along each other where a contact can be, m/s."""
     along = turning = 0.0
     for k in range(first + 1, first + min(many, 3)):
         along += rates[2, k] ** 2
@@ -76,24 +82,24 @@ def _sliding(one, other, velocity, arm, rates, first, many):
     "float64[:,::1],float64[:,::1],int32[::1],float64)"
 )
 def bend(groups, amounts, rates, geoms, body_of_geom, shape, velocity, size, center, offset, parent, timestep):
-    """Return how far contacts can be from where their gradients say at the end of a step, m; 0 if below `_SEEN`.
+    """Return a bound on the deviation of contacts from their gradients at the end of a step, m; 0 if below `_SEEN`.
 
-    A point that accelerates at a while joints do not leaves its straight line by ``a (h / 2)^2 / 2``. Between two
-    shapes with edges a contact can also jump from one edge to another, as far as they move along each other, and on a
-    plane it can run round the rim of a cylinder.
+    A point with acceleration a at constant joint velocities leaves its straight line by ``a (h / 2)^2 / 2``. Between
+    two shapes with edges a contact can also jump from one edge to another, as far as the bodies slide along each other.
+    On a plane it can run round the rim of a cylinder.
 
     Args:
-        groups: see `rows.Rows`, like the two that follow.
+        groups: see `rows.Rows`, like the next two.
         amounts: gaps first.
         rates: ``J v_free`` third.
-        geoms: of MuJoCo's contacts, (ncon, 2).
-        body_of_geom: (ngeom,).
-        shape: of each geom, MuJoCo's geom_type, (ngeom,).
+        geoms: geoms of MuJoCo's contacts, (ncon, 2).
+        body_of_geom: body of each geom, (ngeom,).
+        shape: MuJoCo's geom_type of each geom, (ngeom,).
         velocity: MuJoCo's cvel at the end of the step, (nbody, 6).
-        size: `margins.find_sizes`, (nbody,).
+        size: result of `margins.find_sizes`, (nbody,).
         center: centers of mass of bodies, (nbody, 3).
-        offset: the same from their frames, (nbody, 3).
-        parent: of each body, (nbody,).
+        offset: centers of mass relative to the frames of bodies, (nbody, 3).
+        parent: parent of each body, (nbody,).
         timestep: h, s.
     """
     most = 0.0
@@ -115,17 +121,17 @@ def bend(groups, amounts, rates, geoms, body_of_geom, shape, velocity, size, cen
 
 @compiled()
 def end_targets(groups, key, amounts, depth, before_key, before, timestep):
-    """Return how fast positions have to move, m/s, (g,), to open overlaps, and if any has to.
+    """Return how fast positions must move to open overlaps, m/s, (g,), and whether any must.
 
-    What has overlapped since the start of the step is opened up to a depth, m, and all else as a whole.
+    Overlaps that have existed since the start of the step are opened by at most a depth, m, other overlaps completely.
 
     Args:
-        groups: see `rows.Rows`, like the two that follow.
-        key: of groups.
+        groups: see `rows.Rows`, like the next two.
+        key: keys of groups.
         amounts: gaps first.
-        depth: m.
-        before_key: of the groups of the step, (k,).
-        before: their gaps at its start, m or rad, (k,).
+        depth: largest opening of old overlaps, m.
+        before_key: keys of the groups of the step, (k,).
+        before: their gaps at the start of the step, m or rad, (k,).
         timestep: h, s.
     """
     need, some = np.zeros(groups.shape[1]), False
@@ -150,7 +156,7 @@ class SecondLook:
         self._scratch: mujoco.MjData | None = None
 
     def shift(self, data: mujoco.MjData, rows: Rows, metric: tuple[np.ndarray, np.ndarray]) -> np.ndarray | None:
-        """Return the velocity, (nv,), that moves data from overlaps within one timestep; None if there are none."""
+        """Return the velocity, (nv,), that opens the overlaps of data within one timestep; None if there are none."""
         model, h = self._model, self._model.opt.timestep
         depth = bend(
             rows.groups, rows.amounts, rows.rates, data.contact.geom, model.geom_bodyid, model.geom_type, data.cvel,
@@ -186,7 +192,7 @@ class SecondLook:
         )
 
     def _look(self, data: mujoco.MjData) -> mujoco.MjData:
-        """Return the contacts of now."""
+        """Return data with the current contacts."""
         model = self._model
         if self._scratch is None:
             self._scratch = mujoco.MjData(model)

@@ -1,51 +1,54 @@
-"""The numbers of the scheme."""
+"""Tolerances and limits of the scheme."""
 
 from __future__ import annotations
 
 import mujoco
 
 REST_SPEED = 1e-3
-"""Closing speed, m/s or rad/s, up to which a contact does not collide, if forces are not faster within a step."""
+"""Closing speed, m/s or rad/s, up to which a contact does not collide; forces within a step can raise it."""
 
 RESOLVED = 0.05
 """Closing speed, m/s or rad/s, from which a contact always collides."""
 
 SHORTFALL_LIMIT = 1e-6
-"""Part of the largest contact velocity of a step by which a step may miss its law without being counted."""
+"""Part of the largest contact velocity of a step by which the step may miss the law without being counted."""
 
 MANY_ROUNDS = 24
-"""Rounds of the slower solvers, where Newton's method fails."""
+"""Number of rounds of the slower solvers, if Newton's method fails."""
 FEW_ROUNDS = 1
-"""Rounds of these where they have failed in the step before, too."""
+"""The same if the slower solvers have failed in the last step, too."""
 LOOKS = 3
-"""Looks at contacts at most, for those that the velocity after a collision closes."""
+"""Largest number of looks for contacts that the velocity after a collision closes."""
 PHASE_LOOKS = 8
-"""Looks beyond these, where collisions are one after another: each of them can close another contact."""
+"""Number of further looks if collisions are one after another: each of them can close another contact."""
 PHASE_LOOK_ROWS = 50
-"""Rows of a contact problem up to which that is looked at again."""
+"""Largest number of rows of a contact problem for which contacts are then looked for again."""
 PHASES = 64
-"""Collisions one after another within a step at most, where contacts are hit through others across open gaps."""
+"""Largest number of collisions one after another within a step, for contacts hit through others across open gaps."""
 FARTHER_LOOKS = 8
-"""Times at most that a step looks farther for contacts: each collision one after another can throw another body."""
+"""Largest number of wider looks for contacts: each collision one after another can throw another body."""
 CALM_TIES = 1e-2
-"""Part of the fastest collision up to which the velocity of a connect or weld is one that it can keep there.
+"""Part of the fastest collision up to which a connect or weld can keep its velocity in the collision.
 
-It is less than that of other ways to step (`scene.equality_constraints`): here one problem has forces in it, too.
-Couplings of joints and of tendons, which tie no bodies to each other in a point, keep as much as there."""
+It is less than for other ways to step (`scene.equality_constraints`), since here the same problem also includes forces.
+Couplings of joints and of tendons, which do not tie bodies to each other in a point, have the same limit as there.
+"""
 STIFF = 1e-5
-"""Part of their compliance that equality constraints keep in a collision."""
+"""Part of their compliance that equality constraints retain in a collision."""
 DRIVEN = 1e-2
-"""Part of the energy of the fastest contact of a collision that equality constraints may add by their drift.
+"""Part of the energy of a collision's fastest contact that equality constraints may add by their drift.
 
-It is for each row of a connect or weld, and for all of an island together, see `problem.solution.driven`."""
+It holds for each row of a connect or weld, and for all constraints of an island together, see
+`problem.solution.driven`.
+"""
 SLOWEST = 1e-2
-"""Velocity below which shortfalls are compared with this, m/s."""
+"""Smallest velocity with which shortfalls are compared, m/s."""
 SHARES = 0.2, 0.0
-"""What is left of margins where there are too many contacts."""
+"""Factors by which margins are reduced if there are too many contacts."""
 HUGE = mujoco.mjMAXVAL
-"""MuJoCo takes larger numbers for a mistake."""
+"""MuJoCo treats larger numbers as a mistake."""
 
 
 def is_met(missed: float, fastest: float) -> bool:
-    """Return whether a step that misses its law by a velocity meets it, next to the largest contact velocity."""
+    """Return whether a velocity by which a step misses the law is negligible next to the largest contact velocity."""
     return missed <= SHORTFALL_LIMIT * max(SLOWEST, fastest)
