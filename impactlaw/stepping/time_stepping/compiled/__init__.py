@@ -1,1 +1,1 @@
-"""Time stepping in compiled code, over the C functions of MuJoCo."""
+"""Time stepping in compiled code, based on MuJoCo's C functions."""

@@ -1,6 +1,6 @@
-"""A copy of the model's own structure for one step, with options and margins of its own: the user's stays as it is.
+"""Copy the model's structure for one step with its own options and margins; the user's model stays unchanged.
 
-The copy shares all arrays but those of margins, so that many threads can step worlds of one model.
+The copy shares all arrays except those of margins, so that many threads can step worlds of one model.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _ELLIPTIC, _NEWTON = borrowed.ELLIPTIC, borrowed.NEWTON
 
 
 def room(model: mujoco.MjModel) -> int:
-    """Return how many numbers of 64 bits a copy of a model takes beside its structure."""
+    """Return the number of 64-bit numbers that a copy of a model needs in addition to its structure."""
     return model.nbody + 2 * model.ngeom + 2 * model.npair + model.njnt + model.ntendon
 
 
@@ -39,14 +39,14 @@ def _at(table, place):
 
 @plain
 def borrow(user, model, margins, table, sticks):
-    """Write the copy of a model for one step, and return the cone of the user's choice.
+    """Write the copy of a model for one step, and return the kind of friction cone that the user has chosen.
 
     Args:
         user: address of the model.
         model: address of its copy.
         margins: room for margins, (room,).
         table: address of offsets of fields.
-        sticks: whether something sticks across gaps.
+        sticks: whether bodies can stick across gaps.
     """
     words = _at(table, SIZE.model) // 8
     put(longs(model, words), longs(user, words))
@@ -82,7 +82,7 @@ def borrow(user, model, margins, table, sticks):
 
 @plain
 def limit_margins(model, table, reach):
-    """Let no contact be found farther away than reach, m."""
+    """Reduce margins so that no contact is found farther away than this reach, m."""
     for field, many in (
         (MODEL.body_margin, MODEL.nbody),
         (MODEL.geom_margin, MODEL.ngeom),
@@ -95,6 +95,6 @@ def limit_margins(model, table, reach):
 
 @plain
 def widen_limits(model, table, reach):
-    """Let limits of joints be found up to a reach, m or rad, at least."""
+    """Increase margins so that limits of joints are found at least up to this reach, m or rad."""
     margin = floats(long_at(model + _at(table, MODEL.jnt_margin)), long_at(model + _at(table, MODEL.njnt)))
     np.maximum(margin, reach, margin)

@@ -1,4 +1,4 @@
-"""The end of a compiled step, after its contact problem: forces left in data, corrected gaps, frames and energy."""
+"""The end of a compiled step, after its contact problem: forces in data, corrected gaps, frames and energy."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ _ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 
 @plain
 def update_frames(w):
-    """Bring frames and velocities of bodies up to the state."""
+    """Update frames and velocities of bodies to the state."""
     mj.kinematics(w.model, w.data)
     mj.com_pos(w.model, w.data)
     mj.com_vel(w.model, w.data)
@@ -61,7 +61,7 @@ def update_frames(w):
 
 @plain
 def _update_inertia(w):
-    """Bring lengths of tendons and the mass matrix up to the frames."""
+    """Update lengths of tendons and the mass matrix to the frames."""
     if size(w, MODEL.ntendon) > 0:
         mj.tendon(w.model, w.data)
     mj.make_m(w.model, w.data)
@@ -69,7 +69,7 @@ def _update_inertia(w):
 
 @kernel
 def _write_pyramids(w, force):
-    """Write forces of rows with elliptic cones, (nefc,), as those that pyramidal ones have."""
+    """Write forces of rows with elliptic cones, (nefc,), as forces of rows with pyramidal cones."""
     elliptic, dim = integers(number(w, DATA.ncon)), contact_ints(w, CONTACT.dim, 1)[:, 0]
     address = contact_ints(w, CONTACT.efc_address, 1)[:, 0]
     put(elliptic, address)
@@ -87,9 +87,9 @@ def _write_pyramids(w, force):
 
 @plain
 def write_forces(w, rows, x, start, cone, force):
-    """Let sensors and others see the impulses of the step over h, as forces of the cones of the user's choice.
+    """Write the impulses of the step over h to data, as forces of the cones that the user has chosen.
 
-    There is room for the force of each of MuJoCo's rows, (nefc,).
+    ``force``, (nefc,), is scratch space.
     """
     h = w.timestep
     clear(force)
@@ -105,7 +105,7 @@ def write_forces(w, rows, x, start, cone, force):
 
 @plain
 def write_acceleration(w, start):
-    """Let sensors and others see the mean acceleration of the step."""
+    """Write the mean acceleration of the step to data."""
     qacc, qvel = data_floats(w, DATA.qacc, w.nv), data_floats(w, DATA.qvel, w.nv)
     for i in range(w.nv):
         qacc[i] = (qvel[i] - start[i]) / w.timestep
@@ -113,7 +113,7 @@ def write_acceleration(w, start):
 
 @plain
 def _find_contacts(w, now):
-    """Let other data see the contacts of now."""
+    """Copy the state to other data, and find its current contacts."""
     nq, mocap, equalities = size(w, MODEL.nq), size(w, MODEL.nmocap), size(w, MODEL.neq)
     put(data_floats(now, DATA.qpos, nq), data_floats(w, DATA.qpos, nq))
     put(data_floats(now, DATA.mocap_pos, 3 * mocap), data_floats(w, DATA.mocap_pos, 3 * mocap))
@@ -126,7 +126,7 @@ def _find_contacts(w, now):
 
 @plain
 def _overlap(now):
-    """Return whether some bodies overlap."""
+    """Return whether any bodies overlap."""
     distance, some = contact_floats(now, CONTACT.dist, 1), False
     for i in range(len(distance)):
         some = some or distance[i, 0] < -SLOP
@@ -135,7 +135,7 @@ def _overlap(now):
 
 @plain
 def _find_near(now, depth, near):
-    """Write which of MuJoCo's rows can be closed by what opens overlaps."""
+    """Write which of MuJoCo's rows can be closed by opening overlaps."""
     n = number(now, DATA.nefc)
     kinds, position = data_ints(now, DATA.efc_type, n), data_floats(now, DATA.efc_pos, n)
     for r in range(n):
@@ -144,7 +144,7 @@ def _find_near(now, depth, near):
 
 @kernel
 def _move_apart(now, qpos, metric, rows, depth):
-    """Open the overlaps that other data shows, (nq,); return whether there are some."""
+    """Open the overlaps found in other data by changing qpos, (nq,); return whether there are any."""
     mj.com_pos(now.model, now.data)
     if size(now, MODEL.ntendon) > 0:
         mj.tendon(now.model, now.data)
@@ -175,7 +175,7 @@ def _move_apart(now, qpos, metric, rows, depth):
 
 @plain
 def look_again(w, rows):
-    """Move bodies out of overlaps at the end of a step that gradients of the middle have not told of."""
+    """Open overlaps at the end of a step that gradients at the midpoint have not shown."""
     nbody, ngeom, h = size(w, MODEL.nbody), size(w, MODEL.ngeom), w.timestep
     depth = bend(
         rows.groups, rows.amounts, rows.rates, contact_ints(w, CONTACT.geom, 2),
@@ -197,7 +197,7 @@ def look_again(w, rows):
 
 @plain
 def finish(w):
-    """Leave what a step leaves beside the state."""
+    """Write the remaining outputs of a step beside the state."""
     if option(w, MODEL.opt_enableflags) & _ENERGY:
         _update_inertia(w)
         mj.energy_pos(w.model, w.data)
@@ -207,7 +207,7 @@ def finish(w):
 
 @plain
 def _add_products(w, one, other, factor, sums):
-    """Add the inner product of the parts of two vectors that belong to each tree of bodies, (ntree,)."""
+    """Add the inner product of two vectors, restricted to each tree of bodies, to sums, (ntree,)."""
     tree = model_ints(w, MODEL.dof_treeid, w.nv)
     for i in range(w.nv):
         sums[tree[i]] += factor * one[i] * other[i]
@@ -215,7 +215,7 @@ def _add_products(w, one, other, factor, sums):
 
 @kernel
 def _add_energies(w, velocity, sums):
-    """Add ``v^T M v`` of now of each tree, (ntree,)."""
+    """Add ``v^T M v`` of each tree at the current configuration to sums, (ntree,)."""
     momentum = numbers(w.nv)
     _update_inertia(w)
     mj.mul_m(w.model, w.data, address_of(momentum), address_of(velocity))
@@ -225,7 +225,7 @@ def _add_energies(w, velocity, sums):
 
 @kernel
 def limit_energy(w, start, velocity, turning, gravity):
-    """Scale velocities down to the kinetic energy that forces allow; see `free_motion.limit_energy`."""
+    """Scale down velocities to the kinetic energy that forces allow; see `free_motion.limit_energy`."""
     qpos, after, now = data_floats(w, DATA.qpos, len(start)), velocity_of(w), copied(start)
     tree, trees, force = model_ints(w, MODEL.dof_treeid, w.nv), size(w, MODEL.ntree), numbers(w.nv)
     allowed, found = zeros(trees), zeros(trees)

@@ -1,4 +1,4 @@
-"""Where MuJoCo's batches enter compiled code: a C function of a simulation, and numbers that say where all else is."""
+"""The entry of MuJoCo's batches into compiled code: a C function of a simulation, and addresses of its inputs."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ from impactlaw.stepping.time_stepping.compiled.step import STATE, advance
 
 
 class Context(NamedTuple):
-    """Places in the numbers that an entry is given: addresses, and after some of them how many numbers are there."""
+    """Indices of the numbers that an entry is given: addresses, some followed by the number of entries there."""
 
-    model: int = 0  # of the scene
-    data: int = 1  # of the world
+    model: int = 0  # the scene's model
+    data: int = 1  # data of the world
     scratch: int = 2  # other data
     table: int = 3  # offsets of fields
     settings: int = 4  # see `world.Settings`
     carriers: int = 5  # which mocap body carries each geom
-    bilateral: int = 6  # which equality constraints a collision must not violate
-    keys: int = 7  # of the law's contacts, and how many
-    values: int = 8  # their restitution
+    bilateral: int = 6  # kinds of equality constraints, 0 for those that a collision may violate
+    keys: int = 7  # keys of the law's contacts, and their number
+    values: int = 8  # restitution of these contacts
     known: int = 9
-    memory: int = 10  # of the world, and how many numbers
+    memory: int = 10  # memory of the world, and its size
     memories: int = 11
     structure: int = 12  # room for a copy of the model's structure
-    margins: int = 13  # room for its margins, and how many
+    margins: int = 13  # room for the margins of the copy, and their number
     margin_count: int = 14
-    state: int = 15  # room for the state, and how many numbers
+    state: int = 15  # room for the state, and its size
     states: int = 16
-    before: int = 17  # room for the memory as it was before the step
-    callbacks: int = 18  # addresses of MuJoCo's callbacks, and how many
+    before: int = 17  # room for a copy of the memory before the step
+    callbacks: int = 18  # addresses of MuJoCo's callbacks, and their number
     callback_count: int = 19
     status: int = 20  # how the step has ended, written
     asked: int = 21  # see `law.LawTable`, written
@@ -75,31 +75,31 @@ def one_step(context):
         floats(c[CONTEXT.state], c[CONTEXT.states]),
         False,
     )
-    if c[CONTEXT.status] == UNKNOWN:  # the impulses of the last step are still there
+    if c[CONTEXT.status] == UNKNOWN:  # the impulses of the last step have not been overwritten
         go_back(memory, before, impulses_of(before.view(np.int64)))
 
 
 class Worlds(NamedTuple):
-    """Places in the numbers that an entry of many worlds is given; of each world there is one of what ends in _of."""
+    """Indices of the numbers that an entry for many worlds is given; names in _of are arrays with one row per world."""
 
     table: int = 0  # offsets of fields
     carriers: int = 1  # which mocap body carries each geom
-    bilateral: int = 2  # which equality constraints a collision must not violate
-    margin_count: int = 3  # numbers that a copy of a model needs for margins
-    states: int = 4  # numbers of a state
-    memories: int = 5  # numbers that a world remembers
-    steps: int = 6  # to take
-    slots: int = 7  # of pairs of data and other data, and how many: each thread of the pool has its own
+    bilateral: int = 2  # kinds of equality constraints, 0 for those that a collision may violate
+    margin_count: int = 3  # number of margins of a copy of a model
+    states: int = 4  # size of a state
+    memories: int = 5  # size of the memory of a world
+    steps: int = 6  # number of steps to take
+    slots: int = 7  # pairs of data and other data, one for each thread of the pool, and their number
     slot_count: int = 8
     settings_of: int = 9  # see `world.Settings`
-    laws_of: int = 10  # address of keys, address of values, and how many, int64 (nsim, 3)
+    laws_of: int = 10  # address of keys, address of values, and their number, int64 (nsim, 3)
     memory_of: int = 11  # see `memory`
-    status_of: int = 12  # how the last call has ended, and the key that was asked for, int64 (nsim, 2), written
-    # fields of data that are copied out: where data tells their address, where those of world 0 are to be, and bytes of
-    # each world, int64 (k, 3)
+    status_of: int = 12  # how the last call has ended, and the key that was unknown, int64 (nsim, 2), written
+    # fields of data to copy out: offset of their address in data, address of the output of world 0, and size in bytes
+    # for each world, int64 (k, 3)
     outputs: int = 13
     output_count: int = 14  # k
-    forces: int = 15  # whether the forces on bodies in the last timestep, such as cfrc_ext, are computed
+    forces: int = 15  # whether the forces on bodies in the last timestep are computed, such as cfrc_ext
 
 
 WORLDS = Worlds()
@@ -107,9 +107,10 @@ WORLDS = Worlds()
 
 @linked("void(int64,int64,int64,int64)")
 def some_steps(model, data, world, context):
-    """Take the steps of one of many worlds; after a failure its state and memory are those of before.
+    """Take the steps of one of many worlds; after a failure its state and memory are restored.
 
-    So a world whose law does not know a contact yet takes the same steps, once it knows it, as one whose law did.
+    Therefore a world whose law does not know a contact yet takes the same steps, once it knows it, as if it had always
+    known it.
     """
     c = longs(context, len(WORLDS))
     n, many = c[WORLDS.memories], c[WORLDS.states]
@@ -134,9 +135,9 @@ def some_steps(model, data, world, context):
             mj.set_state(model, data, address_of(first), STATE)
             go_back(memory, before, impulses)
             break
-    if report[0] == FINE:  # else this data is that of the step that failed, or of another world
+    if report[0] == FINE:  # otherwise data is that of the step that failed, or of another world
         if c[WORLDS.forces] != 0:
-            mj.rne_post_constraint(address_of(structure), data)  # which has the cones of the step
+            mj.rne_post_constraint(address_of(structure), data)  # the copy has the cones of the step
         copy_out(data, world, c[WORLDS.outputs], c[WORLDS.output_count])
     keep(structure)
     keep(first)
@@ -150,5 +151,5 @@ def many(model, data, world, context):
 
 @cast(Any, numba).cfunc(types.void(types.int64, types.int64, types.int32, types.int64))
 def single(model, data, simulation, context):
-    """Take one step of the world that the numbers at an address tell of; the batch's own is not touched."""
+    """Take one step of the world described at an address; the batch's own world is not touched."""
     one_step(context)

@@ -1,7 +1,7 @@
-"""Limits of joints in a compiled step: rows for those that joints can reach, and for all where that was too few.
+"""Limits of joints in a compiled step: only rows that joints can reach, or all if that was not enough.
 
-MuJoCo computes a row for each limit within the joint's margin, and most are far away. A limit that was left out and
-would be passed after all, for contact can throw a link, has impulses found once more with all of them.
+MuJoCo computes a row for each limit within the joint's margin, and most limits are far away. If a limit that was left
+out would be passed after all, since contact can throw a link, impulses are found again with all limits.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _SLIDE, _HINGE = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HIN
 
 @plain
 def hide_far_limits(w):
-    """Hide limits that are far from MuJoCo's sensors, or show them again; see `forces.hide_limits`."""
+    """Hide limits that are far away from MuJoCo's sensors, or show them again; see `forces.hide_limits`."""
     n = number(w, DATA.nefc)
     hide_limits(
         data_ints(w, DATA.efc_type, n), data_ints(w, DATA.efc_id, n), data_floats(w, DATA.efc_pos, n),
@@ -38,7 +38,10 @@ def hide_far_limits(w):
 
 @plain
 def narrow_limits(w, gained):
-    """Let limits be found that joints can reach in two steps; forces may add twice what they have added, (nv,)."""
+    """Set margins to find the limits that joints can reach in two steps.
+
+    Forces may add twice the velocity that they added in the last step, (nv,).
+    """
     joints, qvel = size(w, MODEL.njnt), velocity_of(w)
     kind, dof = model_ints(w, MODEL.jnt_type, joints), model_ints(w, MODEL.jnt_dofadr, joints)
     margin = model_floats(w, MODEL.jnt_margin, joints)
@@ -50,9 +53,9 @@ def narrow_limits(w, gained):
 
 @plain
 def passes_limit(w, middle, reach, shift, opens):
-    """Return whether velocities lead in a time, s, past a limit that was not found, from the middle, (nq,).
+    """Return whether velocities lead past a limit that was not found, within a time, s, from the midpoint, (nq,).
 
-    Where it `opens` overlaps, joints move in a timestep by a velocity beside their own, the shift, (nv,).
+    If a step `opens` overlaps, joints also move by ``shift``, (nv,), during a timestep.
     """
     joints, qvel = size(w, MODEL.njnt), velocity_of(w)
     kind, dof = model_ints(w, MODEL.jnt_type, joints), model_ints(w, MODEL.jnt_dofadr, joints)

@@ -1,4 +1,4 @@
-"""A compiled step up to its contact problem: bodies at the midpoint, and the velocity that forces alone lead to."""
+"""A compiled step before its contact problem: the midpoint, and the velocity due to forces alone."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ _CONTACT_FULL, _ROWS_FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoc
 
 @plain
 def to_middle(w, counts, left, frames, gained, held, start, middle, bias, turning, gravity, margins, work, loaded):
-    """Take a step without contact, bodies left in its middle; return whether MuJoCo had no room for all contacts.
+    """Take a step without contact, with bodies in the middle of it; return whether MuJoCo had no room for all contacts.
 
-    Of limits of joints, those are found that can be reached.
+    Only limits that joints can reach are looked for.
     """
     _begin(w, counts, left, frames, gained, held, loaded)
     _set_margins(w, gained, work)
@@ -62,7 +62,7 @@ def to_middle(w, counts, left, frames, gained, held, start, middle, bias, turnin
 
 @plain
 def _begin(w, counts, left, frames, gained, held, loaded):
-    """Let data be current, and forget what is not of the last step."""
+    """Make data current, and forget results that are not those of the last step."""
     nq = size(w, MODEL.nq)
     qpos, qvel = data_floats(w, DATA.qpos, nq), velocity_of(w)
     same = counts[MEMORY.known] != 0 and equal(left[:nq], qpos) and equal(left[nq:], qvel)
@@ -78,9 +78,9 @@ def _begin(w, counts, left, frames, gained, held, loaded):
 
 @plain
 def _set_margins(w, gained, work):
-    """Let MuJoCo find the contacts that bodies can reach in this step; see `margins.set_margins`.
+    """Set margins such that MuJoCo finds the contacts that bodies can reach in this step; see `margins.set_margins`.
 
-    There is room for what is moved meanwhile, (6 nbody + nv,).
+    ``work``, (6 nbody + nv,), is scratch space.
     """
     nbody = size(w, MODEL.nbody)
     qvel, moving, kept = velocity_of(w), data_floats(w, DATA.cvel, 6 * nbody), work[6 * nbody :]
@@ -118,8 +118,8 @@ def find_sizes(w, sizes, carriers):
 
     Args:
         w: the world.
-        sizes: to be written, (nbody + nmocap,).
-        carriers: address of which mocap body carries each geom, see `Surfaces`, int32 (ngeom,).
+        sizes: written, (nbody + nmocap,).
+        carriers: address of the mocap body that carries each geom, see `Surfaces`, int32 (ngeom,).
     """
     nbody, ngeom = size(w, MODEL.nbody), size(w, MODEL.ngeom)
     kind, body_of_geom = model_ints(w, MODEL.geom_type, ngeom), model_ints(w, MODEL.geom_bodyid, ngeom)
@@ -150,7 +150,7 @@ def outrun(w):
 
 @plain
 def look_farther(w, start, free, middle, margins, work):
-    """Do what `free_motion.look_farther` does; there is room for 6 nbody numbers and as many as margins have."""
+    """Do the same as `free_motion.look_farther`; ``work`` is scratch space for 6 nbody numbers and the margins."""
     nbody, qvel = size(w, MODEL.nbody), velocity_of(w)
     before = work[6 * nbody : 6 * nbody + len(margins)]
     put(before, margins)
@@ -169,7 +169,7 @@ def look_farther(w, start, free, middle, margins, work):
 
 @plain
 def look_at_limits(w, start, free, middle):
-    """Let MuJoCo find all limits beside the contacts it has found, and data be as it was without contact.
+    """Find all limits in addition to the contacts found, with data as it was without contact.
 
     Return whether MuJoCo had no room for all rows.
     """
@@ -186,7 +186,7 @@ def look_at_limits(w, start, free, middle):
 
 @plain
 def _to_midpoint(w, start, margins, middle):
-    """Put bodies where they are in the middle of the step, and compute all forces but those of contact there.
+    """Move bodies to the middle of the step, and compute all forces except those of contact there.
 
     Return whether MuJoCo had no room for all contacts.
     """
@@ -197,7 +197,7 @@ def _to_midpoint(w, start, margins, middle):
     put(middle, qpos)
     full = _find_contacts(w, margins)
     if sensors:
-        for field in (DATA.flg_subtreevel, DATA.flg_rnepost):  # what of the last step MuJoCo takes to be still right
+        for field in (DATA.flg_subtreevel, DATA.flg_rnepost):  # otherwise MuJoCo would reuse results of the last step
             flags(w.data + offset(w, field), 1)[0] = 0
         hide_far_limits(w)
         mj.sensor_pos(w.model, w.data)
@@ -230,7 +230,7 @@ def _find_contacts(w, margins):
 
 @plain
 def _mend_contacts(w):
-    """Make frames orthogonal, and put points where they belong; see `scene.frames` and `problem.points`."""
+    """Make contact frames orthogonal, and correct contact points; see `scene.frames` and `problem.points`."""
     if number(w, DATA.ncon) == 0:
         return
     frame, dist = contact_floats(w, CONTACT.frame, 9), contact_floats(w, CONTACT.dist, 1)[:, 0]
@@ -246,7 +246,7 @@ def _mend_contacts(w):
 
 @plain
 def _free_step(w, start, held, bias, turning, gravity, gained, work):
-    """Let MuJoCo's integrator advance velocity, activations and time without contact."""
+    """Advance velocity, activations and time by MuJoCo's integrator without contact."""
     nv = w.nv
     put(data_floats(w, DATA.qacc, nv), data_floats(w, DATA.qacc_smooth, nv))
     clear(data_floats(w, DATA.qfrc_constraint, nv))

@@ -1,4 +1,4 @@
-"""One step of `scheme.TimeStepping` in compiled code, over MuJoCo's C functions; see there what each part is for."""
+"""One step of `scheme.TimeStepping` in compiled code, based on MuJoCo's C functions; each part is explained there."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ _OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
 
 @plain
 def _end(w, start, middle, shift, opens):
-    """Let data be at the end of the step, with frames that are current; return `status.FINE`, or that it is huge."""
+    """Move data to the end of the step and update frames; return `status.FINE`, or that data is huge."""
     if size(w, MODEL.nsensordata) > 0:
         _sense(w, start)
     _to_end(w, middle, shift, opens)
@@ -84,7 +84,7 @@ def _end(w, start, middle, shift, opens):
 
 @plain
 def _finish(w, memory, counts, left, frames, collided, missed):
-    """Leave what a step leaves beside the state."""
+    """Write the remaining outputs of a step beside the state."""
     finish(w)
     if w.surfaces != 0:
         end_surfaces(w)
@@ -105,12 +105,13 @@ def _constrain(
     w, law, memory, counts, held, start, middle, bias, turning, gravity, full, cone, jacobian, chosen, seen, mark,
     force, room, narrow, may, work,
 ):  # fmt: skip
-    """Take the rest of a step that has constraints, from its middle.
+    """Take the rest of a step with constraints, from its middle.
 
-    If it `may` look farther for contacts, nothing is done where it was not far enough, and where of the `work` that
-    there was as much is left as was used: what another try finds would be worse.
+    If the step `may` look farther for contacts and the look was too narrow, the function returns without taking the
+    rest, provided that at least as much work is left as was used of ``work``: otherwise a further attempt would find
+    worse impulses.
 
-    Return how it has ended, whether some contact collides, and by how much contact velocities miss the law.
+    Return how the step has ended, whether any contact collides, and by how much contact velocities miss the law.
     """
     rounds = MANY_ROUNDS if counts[MEMORY.solved] != 0 else FEW_ROUNDS
     found = find_impulses(
@@ -131,7 +132,7 @@ def _constrain(
         free, after = velocities_at(room, 0, 1), velocity_of(w)
         for i in range(w.nv):
             held[i] = after[i] - free[i]
-    put(data_floats(w, DATA.qpos, len(middle)), middle)  # which the integrator has left: limits are counted there
+    put(data_floats(w, DATA.qpos, len(middle)), middle)  # the integrator changed it: limits need the midpoint
     write_forces(w, rows, answer.x, start, cone, force)
     if touched:
         if setting(w, SETTING.told) != 0.0:
@@ -143,7 +144,7 @@ def _constrain(
     met = is_met(solved.missed, solved.fastest) and not full
     counts[MEMORY.solved] = met and not found.later and not outruns
     status = _end(w, start, middle, answer.shift, solved.opens)
-    if status == FINE and touched and met:  # what is squeezed cannot be opened
+    if status == FINE and touched and met:  # overlaps that are squeezed cannot be opened
         look_again(w, rows)
     if status == FINE:
         memory[MEMORY.short_steps] += counts[MEMORY.solved] == 0 or solved.residual > SHORTFALL_LIMIT
@@ -222,7 +223,7 @@ def _sense(w, start):
 
 @plain
 def _to_end(w, middle, shift, opens):
-    """Put bodies where they are at the end of the step."""
+    """Move bodies to the end of the step."""
     qpos = data_floats(w, DATA.qpos, len(middle))
     put(qpos, middle)
     mj.integrate_pos(w.model, address_of(qpos), address_of(velocity_of(w)), 0.5 * w.timestep)
@@ -238,7 +239,7 @@ def advance(
     user, data, scratch, table, settings, carriers, bilateral, keys, values, asked, memory, model, margins, state,
     loaded,
 ):  # fmt: skip
-    """Take one step and return how it has ended; data is back where it was if that is not `status.FINE`.
+    """Take one step and return how it has ended; if that is not `status.FINE`, data is restored.
 
     Args:
         user: address of the model.
@@ -246,16 +247,16 @@ def advance(
         scratch: address of other data of the model.
         table: address of offsets of fields, see `fields`.
         settings: address of `world.Settings`.
-        carriers: address of which mocap body carries each geom, see `Surfaces`, int32 (ngeom,).
-        bilateral: address of which equality constraints collisions must not violate, uint8 (neq,).
-        keys: of the law's contacts, see `law.LawTable`, like the two that follow.
-        values: restitution of each.
-        asked: the key of a contact that is not known, (1,), to be written.
-        memory: of the world, see `memory.Memory`.
+        carriers: address of the mocap body that carries each geom, see `Surfaces`, int32 (ngeom,).
+        bilateral: address of kinds of equality constraints, 0 if collisions may violate them, uint8 (neq,).
+        keys: keys of the law's contacts, see `law.LawTable`, like the next two.
+        values: restitution of these contacts.
+        asked: key of a contact that is not known, (1,), written.
+        memory: memory of the world, see `memory.Memory`.
         model: address of room for a copy of the model's structure.
         margins: room for its margins, `borrow.room`.
-        state: room for the state, where that of the start is in the end.
-        loaded: whether nothing but the state of data is current.
+        state: room for the state; it holds the state at the start in the end.
+        loaded: whether only the state of data is current.
     """
     cone = borrow(user, model, margins, table, float_at(settings + 8 * SETTING.sticks) != 0.0)
     h = float_at(model + long_at(table + 8 * MODEL.opt_timestep))

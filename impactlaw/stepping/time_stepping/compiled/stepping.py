@@ -1,4 +1,4 @@
-"""Time stepping of one world in compiled code; what that does not take is stepped by the scheme in Python."""
+"""Time stepping of one world in compiled code; steps that it does not cover are taken by the scheme in Python."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _DATA, _STATUS, _COLLIDED = CONTEXT.data, CONTEXT.status, MEMORY.collided
 
 
 class CompiledStepping:
-    """Time stepping in compiled code; see `scheme.TimeStepping`, whose interface it has."""
+    """Time stepping in compiled code, with the interface of `scheme.TimeStepping`; see there."""
 
     def __init__(self, scheme: TimeStepping, *, warn: bool, sums: bool = False):
         self._scheme, self._warn, self._sums = scheme, warn, float(sums)
@@ -47,11 +47,11 @@ class CompiledStepping:
         when_gone(self, memory.free, self._memory)
         self._before = np.zeros(self._memory.shape[1])
         self.unlocated = 0
-        self._replay: weakref.ref[Replay] | None = None  # of the last collision
+        self._replay: weakref.ref[Replay] | None = None  # the last collision
         self._prepare()
 
     def _prepare(self) -> None:
-        """Make room for what a step needs, and take over the options of the scheme."""
+        """Allocate arrays for steps, and adopt the options of the scheme."""
         model: Any = self._scheme.model
         self._model, self.numbers = model, self._memory[0]
         self._counts, self._state = self.numbers.view(np.int64), empty_state(model)
@@ -66,7 +66,7 @@ class CompiledStepping:
         self._take_over()
 
     def _take_over(self) -> None:
-        """Take over the law and the options of the scheme."""
+        """Adopt the law and the options of the scheme."""
         self._coefficients, self._reason = self._scheme.coefficients(), reason(self._scheme)
         told = max(self._sums, self._settings[SETTING.told])
         self._settings[:] = self._scheme.settings()
@@ -84,7 +84,7 @@ class CompiledStepping:
             warnings.warn(f"steps are not compiled, but in Python: {why}", UncompiledWarning, stacklevel=5)
 
     def _write_context(self) -> None:
-        """Tell compiled code where all is."""
+        """Write addresses and sizes of all arrays for compiled code."""
         scratch: Any = self._scratch
         arrays = {
             "table": self._table, "settings": self._settings, "carriers": self._carriers,
@@ -101,12 +101,12 @@ class CompiledStepping:
 
     @property
     def shortfall(self) -> float:
-        """See `scheme.TimeStepping`, like those that follow."""
+        """See `scheme.TimeStepping`, like the following attributes."""
         return float(self.numbers[MEMORY.shortfall])
 
     @property
     def short_steps(self) -> int:
-        """Of both, compiled code and the scheme in Python."""
+        """Number of short steps of compiled code and of the scheme in Python."""
         return int(self.numbers[MEMORY.short_steps]) + self._scheme.short_steps
 
     @property
@@ -115,15 +115,15 @@ class CompiledStepping:
         return bool(self._counts[MEMORY.solved])
 
     def set_law(self, law: Law) -> None:
-        """Let the collisions of the next steps be by another law."""
-        self._scheme = copy.copy(self._scheme)  # collisions that nobody has asked for yet are by the old law
+        """Use another law for the collisions of the next steps."""
+        self._scheme = copy.copy(self._scheme)  # collisions that have not been read yet follow the old law
         self._scheme.set_law(law)
         self._take_over()
 
     def step(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
-        """Advance by one timestep and return what tells its collisions; data is back where it was after an error."""
+        """Advance by one timestep; return a function for its collisions, or (). After an error, data is as before."""
         if self._replay is not None and (replay := self._replay()) is not None:
-            _ = replay.start  # a copy of what is overwritten now
+            _ = replay.start  # copies what the step overwrites
         if self._reason is not None:
             return self._in_python(data)
         if self._entry is None:
@@ -163,15 +163,15 @@ class CompiledStepping:
         return events
 
     def _fail(self, data: mujoco.MjData, message: str) -> None:
-        """Raise what MuJoCo has said, with data where it was."""
+        """Restore data, and raise MuJoCo's error."""
         world = data
-        for place in (DATA.pstack, DATA.pbase):  # what was on MuJoCo's stack is lost
+        for place in (DATA.pstack, DATA.pbase):  # the contents of MuJoCo's stack are lost
             ctypes.c_size_t.from_address(world._address + int(self._table[place])).value = 0  # pyright: ignore[reportAttributeAccessIssue]
         restore_state(self._model, data, self._state)
         raise mujoco.FatalError(message)
 
     def _error(self, how: int, data: mujoco.MjData) -> Exception:
-        """Return what has gone wrong."""
+        """Return the error of a step that has ended like this."""
         if how == status.TIMESTEP:
             check_timestep(self._model.opt.timestep)
         if how == status.OVERRIDDEN:
@@ -188,7 +188,7 @@ class CompiledStepping:
         return DivergenceError(f"position or velocity is not finite, or huge, at t = {data.time:.6g} s")
 
     def __getstate__(self) -> dict[str, Any]:
-        """A copy goes on from what this one remembers."""
+        """Return the memory, too, so that a copy continues from it."""
         known = memory.raw(self.numbers)
         return {"scheme": self._scheme, "warn": self._warn, "sums": bool(self._sums)} | {
             "numbers": self.numbers.copy(),
@@ -196,7 +196,7 @@ class CompiledStepping:
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Go on."""
+        """Continue from the memory of the original."""
         self.__init__(state["scheme"], warn=state["warn"], sums=state["sums"])
         memory.restore(self.numbers, state["numbers"], state["known"])
 

@@ -1,6 +1,6 @@
-"""The collisions of a compiled step as events: when somebody asks for them, the step is taken once more.
+"""The collisions of a compiled step as events: when they are read, the step is taken again.
 
-Where sums were asked for, the steps that follow find theirs at once.
+Once sums have been read, later steps compute their sums directly.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from impactlaw.stepping.time_stepping.compiled.state.world import SETTING
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 from impactlaw.stepping.time_stepping.tolerances import SLOWEST
 
-_SAME = 1e-4  # part of the largest velocity by which the step once more may end with another one
+_SAME = 1e-4  # largest deviation of the velocity after the repeated step, relative to the largest velocity
 
 
 class Teller:
-    """Takes the steps of one law once more: in compiled code for sums, in Python for events."""
+    """Repeats steps under one law: in compiled code for sums, in Python for events."""
 
     def __init__(self, scheme: TimeStepping, compile: Callable[[TimeStepping], Any], settings: np.ndarray):
         self.scheme, self._compile, self._settings = scheme, compile, settings
 
     @cached_property
     def data(self) -> mujoco.MjData:
-        """Where steps are taken once more."""
+        """The data in which steps are repeated."""
         return mujoco.MjData(self.scheme.model)
 
     @cached_property
@@ -42,22 +42,22 @@ class Teller:
 
     @property
     def finds_sums(self) -> bool:
-        """Whether steps are to find sums from now on."""
+        """Whether steps are to compute sums from now on."""
         return bool(self._settings[SETTING.told])
 
     def told(self, numbers: np.ndarray) -> ImpactSums | None:
-        """Return the sums that a step has found, which was to; None where only events tell."""
+        """Return the sums that a step has computed, if it was to; None if only events give them."""
         count, energy, intensity, *many = numbers[MEMORY.sums : MEMORY.sums + SUMS].tolist()
         return ImpactSums(int(count), energy, 0.0, intensity, *map(int, many)) if count > 0.0 else None
 
     def sums(self, state: np.ndarray, numbers: np.ndarray, impulses: bytes) -> ImpactSums | None:
-        """Return the sums over the collisions of a step; None where only events tell. Later steps find theirs."""
+        """Return the sums over the collisions of a step; None if only events give them. Later steps compute theirs."""
         self._settings[SETTING.told] = 1.0
         self.again(state, numbers, impulses)
         return self.told(self._steps.numbers)
 
     def again(self, state: np.ndarray, numbers: np.ndarray, impulses: bytes) -> np.ndarray:
-        """Take a step once more in compiled code, and return the velocity that it leads to, (nv,)."""
+        """Repeat a step in compiled code, and return the velocity after it, (nv,)."""
         steps, model, data = self._steps, self.scheme.model, self.data
         restore_state(model, data, state)
         mujoco.mj_kinematics(model, data)
@@ -70,38 +70,39 @@ class Teller:
 
 
 class Start(NamedTuple):
-    """What a step began with, and what it came to."""
+    """The start of a step, and its result."""
 
     state: np.ndarray
     numbers: np.ndarray  # see `memory`
     impulses: bytes  # see `memory.raw`
-    after: np.ndarray  # velocity that it led to, (nv,)
-    sums: ImpactSums | None  # over its collisions, if it was to find them
+    after: np.ndarray  # velocity after the step, (nv,)
+    sums: ImpactSums | None  # sums over its collisions, if the step was to compute them
 
 
 class Replay:
     """The collisions of one step; see `Teller`.
 
-    Most are dropped unasked: what the next step overwrites is copied by then, if anybody still has this.
+    Most instances are dropped before they are read. Arrays that the next step overwrites are copied before that if the
+    instance still exists.
 
     Args:
-        teller: takes the step once more.
-        owner: of the arrays that follow, and of the impulses of the step before.
-        state: that the step began with.
-        before: what was known then.
-        numbers: what is known now.
+        teller: repeats the step.
+        owner: owner of the arrays that follow, and of the impulses of the last step.
+        state: the state at the start of the step.
+        before: the memory at the start of the step.
+        numbers: the current memory.
     """
 
     def __init__(self, teller: Teller, owner: object, state: np.ndarray, before: np.ndarray, numbers: np.ndarray):
         self._teller, self._places, self._summed = teller, (owner, state, before, numbers), teller.finds_sums
 
     def __call__(self) -> tuple[ImpactEvent, ...]:
-        """Return them as events."""
+        """Return the collisions as events."""
         return self._events
 
     @cached_property
     def start(self) -> Start:
-        """What it began with, copied when this is first asked for."""
+        """The start of the step, copied on first access."""
         _, state, before, numbers = self._places
         at = MEMORY.left + self._teller.scheme.model.nq
         after = numbers[at : at + self._teller.scheme.model.nv].copy()
@@ -109,12 +110,12 @@ class Replay:
         return Start(state.copy(), before.copy(), memory.raw(before), after, found)
 
     def __getstate__(self) -> dict[str, Any]:
-        """A copy has what the step began with."""
+        """Return the start of the step, too, for copies."""
         return {"_teller": self._teller, "start": self.start}
 
     @cached_property
     def sums(self) -> ImpactSums:
-        """Sums over them."""
+        """Sums over the collisions."""
         start = self.start
         known = start.sums or self._teller.sums(start.state, start.numbers, start.impulses)
         return known or ImpactSums.of(self._events)
@@ -133,12 +134,12 @@ class Replay:
         told = scheme.step(data)
         scheme.short_steps = kept
         time, events = float(data.time), told() if callable(told) else told
-        # where a problem has several solutions, Python's can be another one
+        # if a problem has several solutions, Python may find another one
         if self._misses(data.qvel) and self._misses(self._teller.again(start.state, numbers, start.impulses)):
             raise changed_model(time)
         return events
 
     def _misses(self, velocity: np.ndarray) -> bool:
-        """Return whether the step, once more, has led to another velocity than before."""
+        """Return whether the repeated step has led to another velocity than before."""
         after = self.start.after
         return bool(np.abs(velocity - after).max() > _SAME * max(SLOWEST, np.abs(after).max()))

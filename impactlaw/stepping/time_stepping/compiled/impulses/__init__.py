@@ -1,1 +1,1 @@
-"""What contact does in a compiled step: one problem, collisions one after another, and looks at what is near."""
+"""The contact problem of a compiled step: solved once, collisions one after another, and looks for contacts."""

@@ -1,4 +1,4 @@
-"""What the contacts of one phase aim at in compiled code, and what `resolve_step` says."""
+"""The targets of the contacts of one phase in compiled code, and the answer of `resolve_step`."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ _APART = np.bool_(False)  # laws in compiled code couple only contacts that infl
 
 
 class Solved(NamedTuple):
-    """What is known of a solution; see `resolve.resolve_step`."""
+    """Properties of a solution; see `resolve.resolve_step`."""
 
-    collided: bool  # whether some contact collides
-    opens: bool  # whether overlaps have to be opened
+    collided: bool  # whether any contact collides
+    opens: bool  # whether there are overlaps to open
     missed: float  # largest amount by which a contact velocity misses its target, m/s or rad/s
     fastest: float  # largest velocity of a row, m/s or rad/s
-    share: float  # of restitution that there is, the least one
-    created: float  # energy that the law would create, J
-    work: float  # of contact, J
-    rounding: float  # what of it is rounding, J
+    share: float  # smallest share of restitution that is kept
+    created: float  # energy that the law would create without scaling, J
+    work: float  # work of contact, J
+    rounding: float  # part of the work that is rounding, J
     status: int  # see `status`
-    residual: float  # natural map that is left, of friction too, relative to the largest velocity
+    residual: float  # residual of the natural map, including friction, relative to the largest velocity
 
 
 NO_ANSWER = Solved(False, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, FINE, 0.0)
@@ -54,9 +54,9 @@ def _find_kinds(w, rows, number_of, kinds):
 
 @kernel
 def _stiffen(w, rows, tree, collides, bound):
-    """Let equality constraints keep their velocity in a collision, those that do not move against themselves.
+    """Make equality constraints keep their velocity in a collision, unless they drift too fast.
 
-    Write which must not drive it, bool (g,).
+    Write which constraints must not drive the collision, bool (g,).
     """
     n = number(w, DATA.nefc)
     number_of = data_ints(w, DATA.efc_id, n)
@@ -71,7 +71,7 @@ def _stiffen(w, rows, tree, collides, bound):
 
 @plain
 def _collide(w, rows, tree, law, answer):
-    """Let contacts aim at what the law says, those in touch stay closed, and equality constraints keep their velocity.
+    """Set the law's targets, keep closed contacts closed, and make equality constraints keep their velocity.
 
     Return `status.FINE`, or what has gone wrong.
     """
@@ -89,9 +89,9 @@ def _collide(w, rows, tree, law, answer):
 
 @plain
 def solve(w, rows, metric, known, rounds, law, answer, scaled):
-    """Solve the problem of these rows, in which those groups may collide that the answer says; write all else in it.
+    """Solve the problem of these rows; groups may collide according to the answer, whose other fields are written.
 
-    If restitution is to be `scaled`, it creates no energy, or that is an error.
+    If restitution is to be `scaled`, it creates no energy, or the status is an error.
     """
     tree, (factor, inverse), e = model_ints(w, MODEL.dof_treeid, w.nv), metric, setting(w, SETTING.restitution)
     status, sliding = FINE, 0.0
@@ -126,7 +126,7 @@ def solve(w, rows, metric, known, rounds, law, answer, scaled):
 
 @plain
 def goes_on(w, rows, solved, answer):
-    """Write which contacts are hit only through others, and return whether there are some whose restitution is lost."""
+    """Write which contacts are hit only through others; return whether there are any whose restitution is lost."""
     if not solved.collided or setting(w, SETTING.restitution) == 0.0:
         return False
     return find_later(
@@ -137,17 +137,17 @@ def goes_on(w, rows, solved, answer):
 
 @plain
 def scalable(w, solved):
-    """Return whether restitution creates energy that scaling it takes away, or that is an error."""
+    """Return whether restitution creates energy, which must be scaled away or is an error."""
     return solved.created > 0.0 and setting(w, SETTING.dissipative) != 0.0
 
 
 @plain
 def work_left(w):
-    """Return whether something of the work allowed in a step is left."""
+    """Return whether any of the work allowed in a step is left."""
     return floats(w.work, 1)[0] > 0.0
 
 
 @plain
 def lost(w, solved):
-    """Return whether restitution is given up: bodies jam, or no work was left to find what share creates no energy."""
+    """Return whether restitution is given up: bodies jam, or no work was left to find what creates no energy."""
     return solved.share == 0.0 or (solved.created > 0.0 and not work_left(w))

@@ -46,22 +46,22 @@ from impactlaw.stepping.time_stepping.problem.turns import write_recalled
 
 
 class Outcome(NamedTuple):
-    """What contact does in a step; rows and impulses are in the room of the step, see `state.room`."""
+    """The effect of contact in a step; rows and impulses are in the room of the step, see `state.room`."""
 
-    groups: int  # that take part
-    rows: int  # of these
-    solved: Solved  # what is known of the solution
-    # whether restitution is lost: contacts that are hit only through others were not left for a phase of their own,
-    # bodies jam, there was no work left to find how much of it creates no energy, or contacts are left out that the
-    # velocity found would close
+    groups: int  # number of groups that take part
+    rows: int  # number of their rows
+    solved: Solved  # properties of the solution
+    # whether restitution is lost: contacts that are hit only through others were not given a phase of their own, bodies
+    # jam, no work was left to find how much restitution creates no energy, or contacts are left out that the resulting
+    # velocity would close
     later: bool
 
 
 @plain
 def near(w, jacobian, one, other, reach, found):
-    """Write which rows begin a contact or limit that is in touch, or would be soon, (nefc,); see `rows.near_rows`."""
+    """Write which rows begin a contact or limit that is closed or would soon be, (nefc,); see `rows.near_rows`."""
     n, (nnz, adr, col, J) = number(w, DATA.nefc), jacobian
-    if surfaces_move(w):  # what comes near need not move itself
+    if surfaces_move(w):  # surfaces come near to bodies that do not move
         found[:] = True
     else:
         kinds, position = data_ints(w, DATA.efc_type, n), data_floats(w, DATA.efc_pos, n)
@@ -72,7 +72,7 @@ def near(w, jacobian, one, other, reach, found):
 
 @plain
 def count(w, chosen, frictional):
-    """Return how many groups are chosen, and how many rows they have; see `rows.count_groups`."""
+    """Return the number of chosen groups, and the number of their rows; see `rows.count_groups`."""
     n, dim = number(w, DATA.nefc), contact_ints(w, CONTACT.dim, 1)[:, 0]
     kinds, number_of = data_ints(w, DATA.efc_type, n), data_ints(w, DATA.efc_id, n)
     return count_groups(kinds, number_of, dim, contact_floats(w, CONTACT.friction, 5), chosen, frictional)
@@ -80,7 +80,7 @@ def count(w, chosen, frictional):
 
 @plain
 def count_entries(w, jacobian, mark):
-    """Return how many entries all rows can have when they are whitened; there are marks of trees, False."""
+    """Return the largest number of entries of all rows after whitening; ``mark`` is False for each tree."""
     nnz, adr, col, J = jacobian
     tree, many = model_ints(w, MODEL.dof_treeid, w.nv), model_ints(w, MODEL.tree_dofnum, len(mark))
     return entries_of(nnz, adr, col, J, tree, many, mark)
@@ -88,20 +88,20 @@ def count_entries(w, jacobian, mark):
 
 @plain
 def read(w, jacobian, metric, velocity, start, free, chosen, frictional, mark, room, rows):
-    """Write the rows of the groups that are chosen; see `rows.read_rows`.
+    """Write the rows of the chosen groups; see `rows.read_rows`.
 
     Args:
-        w: the world, contacts current.
+        w: the world with current contacts.
         jacobian: `access.nonzeros_of`.
         metric: L and 1 / D.
-        velocity: of MuJoCo's rows, with that of belts, (nefc,); (0,) to leave belts out.
+        velocity: velocities of MuJoCo's rows, including belts, (nefc,); (0,) to leave belts out.
         start: velocity at the start, (nv,).
         free: velocity without contact, (nv,).
-        chosen: of MuJoCo's rows, bool (nefc,).
+        chosen: chosen rows of MuJoCo's, bool (nefc,).
         frictional: whether rows of friction take part.
         mark: marks of trees, False.
-        room: for (2 nv,).
-        rows: to be written.
+        room: scratch space, (2 nv,).
+        rows: written.
     """
     n, (nnz, adr, col, J), (factor, inverse) = number(w, DATA.nefc), jacobian, metric
     Mnnz, Madr, Mcol = layout_of(w)
@@ -119,7 +119,7 @@ def read(w, jacobian, metric, velocity, start, free, chosen, frictional, mark, r
 
 @once
 def _resolve(w, rows, metric, start, free, known, rounds, law, answer, sums):
-    """Find the impulses of all contacts at once; return what `resolve_in_phases` returns."""
+    """Find the impulses of all contacts at once; the result is like that of `resolve_in_phases`."""
     answer.may[:] = True
     solved = solve(w, rows, metric, known, rounds, law, answer, False)
     cut = solved.status == FINE and goes_on(w, rows, solved, answer)
@@ -145,22 +145,22 @@ def _resolve(w, rows, metric, start, free, known, rounds, law, answer, sums):
     counts=False,
 )
 def attempt(w, jacobian, chosen, start, moved, free, known, rounds, law, phases, mark, room, sums):
-    """Solve the problem of the rows that are near, set the velocity after it, and return what contact does.
+    """Solve the problem of the rows that are near, set the velocity after it, and return the effect of contact.
 
     Args:
         w: the world in the middle of the step.
         jacobian: `access.nonzeros_of`.
         chosen: the rows, bool (nefc,).
         start: velocity at the start, (nv,).
-        moved: what is added to it before a collision, (nv,), see `inertial_forces`; (0,) where it is nothing.
+        moved: velocity added to it before a collision, (nv,), see `inertial_forces`; (0,) to add nothing.
         free: velocity without contact, (nv,).
         known: groups, keys, coefficients, impulses and turns of the last step.
-        rounds: of the slower solvers.
+        rounds: rounds of the slower solvers.
         law: see `law`.
-        phases: whether collisions may be one after another.
+        phases: whether contacts may collide one after another.
         mark: marks of trees, False.
-        room: see `state.room`, where rows and answer are written.
-        sums: over the collisions, see `sums`, written if they are asked for.
+        room: see `state.room`; rows and answer are written to it.
+        sums: sums over the collisions, see `sums`, written if they are asked for.
     """
     frictional = setting(w, SETTING.frictional) != 0.0
     groups, many = count(w, chosen, frictional)
@@ -179,7 +179,7 @@ def attempt(w, jacobian, chosen, start, moved, free, known, rounds, law, phases,
         for i in range(w.nv):
             before[i] = start[i] + moved[i]
         add_before(rows.sparse, rows.rates, nnz, adr, col, J, moved)
-        if not phases:  # the answer is that of the attempt before, at the same rows
+        if not phases:  # the answer is that of the last attempt, with the same rows
             write_closing(rows.groups, rows.amounts, rows.rates, w.timestep, answer.collides)
     if phases:
         solved, cut = resolve_in_phases(w, rows, metric, before, free, known, rounds, law, answer, sums)
@@ -190,14 +190,14 @@ def attempt(w, jacobian, chosen, start, moved, free, known, rounds, law, phases,
 
 @plain
 def take_over(chosen, seen):
-    """Let rows that are seen be chosen, too."""
+    """Choose the rows that are seen, too."""
     for i in range(len(seen)):
         chosen[i] = chosen[i] or seen[i]
 
 
 @plain
 def sees_more(chosen, seen):
-    """Return whether rows are seen that are not chosen yet."""
+    """Return whether any row is seen that is not chosen yet."""
     for i in range(len(seen)):
         if seen[i] and not chosen[i]:
             return True

@@ -1,4 +1,4 @@
-"""Coriolis and gyroscopic forces of which no energy comes, as in `inertial_forces`."""
+"""Coriolis and gyroscopic forces that create no energy, as in `inertial_forces`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 
 @kernel
 def forces_at(w, velocity, bias):
-    """Write those at a velocity, with gravity, (nv,) each; the velocity of data is left as it was."""
+    """Write the forces at a velocity, with gravity, (nv,) each; the velocity of data stays unchanged."""
     now = velocity_of(w)
     _swap(now, velocity)
     mj.com_vel(w.model, w.data)
@@ -30,7 +30,7 @@ def forces_at(w, velocity, bias):
 
 @kernel
 def lead_to(w, start, bias, free):
-    """Write where forces lead without contact, these being a bias, with gravity, (nv,) each; see `settle`."""
+    """Write the velocity without contact for given inertial forces with gravity, (nv,) each; see `settle`."""
     forces, old = data_floats(w, DATA.qfrc_smooth, w.nv), data_floats(w, DATA.qfrc_bias, w.nv)
     for i in range(w.nv):
         free[i] = forces[i] + old[i] - bias[i]
@@ -45,7 +45,7 @@ def _swap(one, other):
 
 @kernel
 def kick(w, velocity, h, force):
-    """Overwrite a force by the velocity to which it leads in a time h, (nv,) each."""
+    """Replace a force by the velocity after it has acted for a time h, (nv,) each."""
     factor, inverse = metric_of(w)
     nnz, adr, col = layout_of(w)
     apply_inverse(factor, nnz, adr, col, inverse, force)
@@ -55,9 +55,10 @@ def kick(w, velocity, h, force):
 
 @kernel
 def half(w, velocity, gravity, h, turning, mean, before, force):
-    """Write those of half a step that ends at a velocity, or with h < 0 begins there, without gravity.
+    """Write the forces in half a step that ends at a velocity, or begins there if h < 0, without gravity.
 
-    Mean and before are room; all are (nv,). Return whether they are settled; trees that are not turn too fast.
+    ``mean`` and ``before`` are scratch space; all are (nv,). Return whether the iteration has converged; trees for
+    which it has not are marked as turning too fast.
     """
     largest = 0.0
     forces_at(w, velocity, force)
@@ -81,9 +82,9 @@ def half(w, velocity, gravity, h, turning, mean, before, force):
 
 @plain
 def created(w, start, used, bias):
-    """Return the kinetic energy beside that of other forces in a step from a velocity to that of data, J.
+    """Return the kinetic energy that these forces create in a step from a velocity to that of data, J.
 
-    Those that have led there are `used`, with gravity; there is room for a bias. All are (nv,).
+    ``used`` are the forces in that step, with gravity; ``bias`` is scratch space. All are (nv,).
     """
     after, begin, energy = velocity_of(w), data_floats(w, DATA.qfrc_bias, w.nv), 0.0
     forces_at(w, after, bias)
@@ -94,7 +95,7 @@ def created(w, start, used, bias):
 
 @plain
 def _find_fast(w, velocity, turning):
-    """Mark the trees of bodies that turn by a large angle in a timestep; return whether there are some."""
+    """Mark the trees of bodies that turn by a large angle in a timestep; return whether there are any."""
     joints, tree, some = size(w, MODEL.njnt), model_ints(w, MODEL.dof_treeid, w.nv), False
     kind, first = model_ints(w, MODEL.jnt_type, joints), model_ints(w, MODEL.jnt_dofadr, joints)
     for j in range(joints):
@@ -109,7 +110,7 @@ def _find_fast(w, velocity, turning):
 
 @plain
 def _is_loose(w, before, free, t):
-    """Return whether a round has changed the velocity of a tree of bodies by much, (nv,) each."""
+    """Return whether an iteration has changed the velocity of a tree of bodies by much, (nv,) each."""
     largest, change = 0.0, 0.0
     first = model_ints(w, MODEL.tree_dofadr, size(w, MODEL.ntree))[t]
     for i in range(first, first + model_ints(w, MODEL.tree_dofnum, size(w, MODEL.ntree))[t]):
@@ -119,7 +120,7 @@ def _is_loose(w, before, free, t):
 
 @plain
 def _is_settled(w, before, free):
-    """Return whether a round has hardly changed the velocity of each tree of bodies, (nv,) each."""
+    """Return whether an iteration has hardly changed the velocity of any tree of bodies, (nv,) each."""
     for t in range(size(w, MODEL.ntree)):
         if _is_loose(w, before, free, t):
             return False
@@ -128,16 +129,16 @@ def _is_settled(w, before, free):
 
 @kernel
 def settle(w, start, held, bias, turning, gravity, room):
-    """Let qvel be where forces lead without contact; mark which trees of bodies turn too fast for the timestep.
+    """Set qvel to the velocity without contact; mark the trees of bodies that turn too fast for the timestep.
 
     Args:
-        w: the world in the middle of the step; qvel is where they lead with these forces as at the start.
+        w: the world in the middle of the step; qvel is the velocity with the inertial forces at the start.
         start: velocity at the start, (nv,).
-        held: what contact is expected to add to the velocity, (nv,).
-        bias: these forces as they are last, (nv,), to be written.
-        turning: bool (ntree,), to be written.
-        gravity: in the middle of the step, (nv,), to be written where there are such trees.
-        room: for three velocities, (3 nv,).
+        held: change of velocity that contact is expected to make, (nv,).
+        bias: the final inertial forces, with gravity, (nv,), written.
+        turning: bool (ntree,), written.
+        gravity: force of gravity in the middle of the step, (nv,), written if there are such trees.
+        room: scratch space for three velocities, (3 nv,).
     """
     velocity, nv, tree, settled = velocity_of(w), w.nv, model_ints(w, MODEL.dof_treeid, w.nv), False
     free, before, mean = room[:nv], room[nv : 2 * nv], room[2 * nv : 3 * nv]

@@ -1,4 +1,4 @@
-"""Contacts found and the problem solved in turn, as in `looks`, in compiled code; the energy of what contact does."""
+"""Find contacts and solve the problem in turn, as in `looks`, in compiled code; the energy of a collision."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _FEW, _AT_ONCE = np.int64(FEW_ROUNDS), np.bool_(False)
 
 @plain
 def _again(w, law, start, moved, free, jacobian, chosen, mark, room, found, phases):
-    """Solve the problem once more, from what is found."""
+    """Solve the problem again, starting from a result."""
     rows = rows_at(room.rows, found.groups, found.rows, room.entries)
     known, last = known_at(room.known, found.groups, found.rows), answer_at(room.answer, found.groups, found.rows, w.nv)
     keep_known(known, rows.groups, rows.key, rows.rates[0], last.x, rows.rates[5:])
@@ -43,7 +43,7 @@ def _again(w, law, start, moved, free, jacobian, chosen, mark, room, found, phas
 
 @plain
 def _keep(w, memory, room, found):
-    """Keep what the first look has found: what is taken again for a limit goes on from there."""
+    """Keep the result of the first look, from which a step that is taken again for a limit continues."""
     if found.solved.residual <= TOLERANCE and found.solved.share == 1.0:
         rows = rows_at(room.rows, found.groups, found.rows, room.entries)
         last = answer_at(room.answer, found.groups, found.rows, w.nv)
@@ -55,22 +55,22 @@ def _keep(w, memory, room, found):
 def find_impulses(
     w, law, memory, known, start, middle, bias, turning, gravity, rounds, jacobian, chosen, seen, mark, room, narrow
 ):  # fmt: skip
-    """Add what contact does to the velocity, and return it; see `scheme.TimeStepping`.
+    """Add the effect of contact to the velocity, and return it; see `scheme.TimeStepping`.
 
     Args:
         w: the world in the middle of the step.
         law: see `law`.
-        memory: of the world, see `memory.Memory`.
+        memory: memory of the world, see `memory.Memory`.
         known: groups, keys, coefficients, impulses and turns of the last step.
         start: velocity at the start, (nv,).
         middle: position in the middle of the step, (nq,).
-        turning: trees of bodies that turn too fast, bool (ntree,); more are marked here.
-        gravity: room for it, (nv,), where there are some.
-        bias: inertial forces that have led to the velocity without contact, with gravity, (nv,).
-        rounds: of the slower solvers.
+        turning: trees of bodies that turn too fast, bool (ntree,); further trees are marked here.
+        gravity: room for the force of gravity, (nv,), if there are such trees.
+        bias: inertial forces, with gravity, that gave the velocity without contact, (nv,).
+        rounds: rounds of the slower solvers.
         jacobian: `access.nonzeros_of`.
         chosen: room for marks of MuJoCo's rows, (nefc,).
-        seen: the same once more.
+        seen: room for marks of MuJoCo's rows, (nefc,).
         mark: marks of trees, False.
         room: see `state.room`.
         narrow: whether limits of joints were left out; the status is `UNSEEN` if one of them would be passed.
@@ -109,7 +109,7 @@ def find_impulses(
 
 @once
 def _less_energy(w, law, start, bias, turning, gravity, free, jacobian, chosen, mark, room, found, phases):
-    """Let a collision be between two half steps if it creates energy together with inertial forces."""
+    """Put a collision between two half steps if it creates energy together with inertial forces."""
     if not found.solved.collided or setting(w, SETTING.inertial) == 0.0:
         return found
     own = created(w, start, bias, velocities_at(room, 1, 1))
@@ -148,9 +148,9 @@ def _less_energy(w, law, start, bias, turning, gravity, free, jacobian, chosen, 
 
 @plain
 def _split(w, start, gravity, begin, end, bias, moved, free):
-    """Write what is added to the velocity before a collision between two half steps, and where forces lead.
+    """Write the velocity added before a collision between two half steps, and the velocity without contact.
 
-    There is room for a bias; all are (nv,).
+    ``bias`` is scratch space; all are (nv,).
     """
     for i in range(w.nv):
         moved[i], bias[i] = end[i] - begin[i], 0.0
@@ -162,7 +162,7 @@ def _split(w, start, gravity, begin, end, bias, moved, free):
 
 @plain
 def _stale(w, after, end, used, mean):
-    """Return the energy that comes of a half step with other forces than its own, J; there is room for a velocity."""
+    """Return the energy due to a half step with other forces than its own, J; ``mean`` is scratch space."""
     put(mean, end)
     kick(w, after, 0.25 * w.timestep, mean)
     energy = 0.0
@@ -173,6 +173,6 @@ def _stale(w, after, end, used, mean):
 
 @plain
 def _size(w, work):
-    """Return energy that a collision creates, or where nothing is to be lost either, its size."""
+    """Return the energy that a collision creates; its absolute value if energy must not be lost, either."""
     elastic = setting(w, SETTING.restitution) == 1.0 and setting(w, SETTING.frictional) == 0.0
     return abs(work) if elastic else work

@@ -41,14 +41,14 @@ from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, PHASES
 
 @kernel
 def _groups(rows, rates, kept):
-    """Return some groups, with other rates, and the places of their rows."""
+    """Return some of the groups, with other rates, and the indices of their rows."""
     chosen, place = some_groups(rows.sparse, rows.colind, rows.value, rows.groups, rows.key, rows.amounts, rates, kept)
     return Rows(*chosen), place
 
 
 @kernel
 def _those(values, kept):
-    """Return those values that are kept, bool."""
+    """Return the values that are kept, bool."""
     many = 0
     for g in range(len(kept)):
         many += kept[g]
@@ -70,10 +70,10 @@ def _leave_out(later, more):
 
 @once
 def _meet(w, rows, metric, before, known, rounds, law, may, more, block, sums):
-    """Solve one phase: once, and again without the contacts that are hit only through others.
+    """Solve one phase, and solve it again without the contacts that are hit only through others.
 
-    Return what is known of the solution, the answer, the place of each of its rows, (n,), the groups that are left out,
-    bool (g,), and whether some such contacts were not left out.
+    Return the properties of the solution, the answer, the index of each of its rows, (n,), the groups that are left
+    out, bool (g,), and whether some contacts that are hit only through others were not left out.
 
     `more` says whether contacts may be left out.
     """
@@ -104,8 +104,8 @@ def resolve_in_phases(w, rows, metric, start, free, known, rounds, law, whole, s
     """Find the impulses, phase by phase; see `contact_impulses.ContactProblem.find`.
 
     Impulses and the velocity that opens overlaps are written to the answer, and the velocity after the step to data.
-    Return what is known of the solution, and whether contacts that are hit only through others were not left for a
-    phase of their own.
+    Return the properties of the solution, and whether contacts that are hit only through others were not given a phase
+    of their own.
     """
     now, n = rows, len(rows.rates[0])
     place, may, x, velocity = np.arange(n), np.ones(len(rows.key), np.bool_), zeros(n), copied(free)
@@ -135,7 +135,7 @@ def resolve_in_phases(w, rows, metric, start, free, known, rounds, law, whole, s
         reached = reached_by(now.groups, now.sparse, now.colind, model_ints(w, MODEL.dof_treeid, w.nv), later)
         rates = later_rates(now.groups, now.sparse, now.colind, now.value, now.rates, met.z)
         now, chosen = _groups(now, rates, reached)
-        for r in range(len(chosen)):  # the places are in ascending order
+        for r in range(len(chosen)):  # the indices are ascending
             place[r] = place[chosen[r]]
         place, may, before = place[: len(chosen)], _those(later, reached), moved
         for i in range(w.nv):

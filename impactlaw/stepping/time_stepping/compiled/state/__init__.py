@@ -1,1 +1,1 @@
-"""What compiled steps know of a world: where its arrays are, what it remembers, how a step has ended."""
+"""The state of a world in compiled steps: addresses of its arrays, its memory, and how a step has ended."""

@@ -1,4 +1,4 @@
-"""The frames that a step has left: data can come back in a state that its frames are not those of."""
+"""The frames at the end of a step: a state can be restored in data without its frames."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from impactlaw.stepping.compiled.access import data_floats, size
 from impactlaw.stepping.compiled.fields import DATA, MODEL
 
 FRAME = 12
-"""Numbers of each body that are kept: one field of each of the stages that bring frames up to the state."""
+"""Number of values kept for each body: one field of each stage that updates frames to the state."""
 
 
 @plain
 def are_left(w, kept):
-    """Return whether frames and velocities of bodies are still those that the last step has left."""
+    """Return whether frames and velocities of bodies are still those at the end of the last step."""
     n = size(w, MODEL.nbody)
     return (
         equal(data_floats(w, DATA.xipos, 3 * n), kept[: 3 * n])
@@ -23,7 +23,7 @@ def are_left(w, kept):
 
 @plain
 def keep_frames(w, kept):
-    """Keep them at the end of a step."""
+    """Store frames and velocities of bodies at the end of a step."""
     n = size(w, MODEL.nbody)
     put(kept, data_floats(w, DATA.xipos, 3 * n))
     put(kept[3 * n :], data_floats(w, DATA.subtree_com, 3 * n))

@@ -1,4 +1,4 @@
-"""Types of what compiled functions are given that have one signature."""
+"""Types of arguments of compiled functions with a single signature."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Laws in compiled code: one coefficient of restitution per contact, from a table by their keys; and the reversal."""
+"""Laws in compiled code: a table with one coefficient of restitution for each contact key, and the reversal."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ Array = np.ndarray[Any, Any]
 
 
 class LawTable(NamedTuple):
-    """A law whose contacts know their own restitution."""
+    """A law with a coefficient of restitution for each contact."""
 
-    key: Array  # of contacts and limits, see `rows.Rows`, ascending, int64 (k,)
-    value: Array  # e of each, (k,)
-    asked: Array  # key of the contact that is not among them, int64 (1,), written
+    key: Array  # keys of contacts and limits, see `rows.Rows`, ascending, int64 (k,)
+    value: Array  # e for each key, (k,)
+    asked: Array  # key of a contact that is not in the table, int64 (1,), written
 
 
 @kernel
 def ask_law(law, rows, tree, collides, target):
-    """Write the law's targets of the contacts that collide, and return `status.FINE`, or `status.UNKNOWN`."""
+    """Write the law's targets for colliding contacts, and return `status.FINE`, or `status.UNKNOWN`."""
     for g in range(len(target)):
         if not collides[g]:
             continue
@@ -42,7 +42,7 @@ def ask_law(law, rows, tree, collides, target):
 
 @kernel
 def reverse(e, rows, tree, collides, target):
-    """Write the targets of `laws.fremond.Reversal`; contacts that a collision reaches take part, and ``collides``."""
+    """Write the targets of `laws.fremond.Reversal`; contacts that a collision reaches are added to ``collides``."""
     none = cleared(len(collides))
     reached = reached_groups(
         rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, tree, collides, none
@@ -55,7 +55,7 @@ def reverse(e, rows, tree, collides, target):
     _find_blocks(rows, order, zeros(len(tree)), label, linked)
     _put_along_chains(order, label, linked)
     for i in range(h):
-        after = 0  # contacts of its own block behind it
+        after = 0  # number of later contacts of its block
         for j in range(i + 1, h):
             after += label[j] == label[i]
         for j in range(h):
@@ -68,7 +68,7 @@ def reverse(e, rows, tree, collides, target):
 
 @kernel
 def _in_order(rows, chosen):
-    """Return the groups of a mask, contacts by their keys and then limits, int64 (h,)."""
+    """Return the groups of a mask, sorted: contacts by their keys, then limits, int64 (h,)."""
     order, count = np.empty(len(chosen), np.int64), 0
     for g in range(len(chosen)):
         if not chosen[g]:
@@ -88,9 +88,9 @@ def _in_order(rows, chosen):
 
 @kernel
 def _find_blocks(rows, order, row, label, linked):
-    """Write which contacts influence each other, to False, (h, h), and a number for each block of these, (h,).
+    """Write which contacts influence each other, to False, (h, h), and a number for each block of such contacts, (h,).
 
-    There is room for a row of zeros, (nv,).
+    ``row``, (nv,), must be zero.
     """
     sparse, colind, value, norm = rows.sparse, rows.colind, rows.value, zeros(len(order))
     for i in range(len(order)):
@@ -114,7 +114,7 @@ def _find_blocks(rows, order, row, label, linked):
 
 @kernel
 def _put_along_chains(order, label, linked):
-    """Put the contacts of each block that is a chain in their order along it, int64 (h,)."""
+    """Sort the contacts of each block that is a chain along the chain, int64 (h,)."""
     found = order.copy()
     for block in range(len(order)):
         ends, most, now, before = 0, 0, -1, -1
@@ -136,7 +136,7 @@ def _put_along_chains(order, label, linked):
 
 
 def reason(scheme: TimeStepping) -> str | None:
-    """Return why compiled code does not take a scheme; None if it does."""
+    """Return why compiled code does not cover a scheme; None if it does."""
     if isinstance(scheme.problem.targets.law, Reversal) and not scheme.model.neq:
         return None
     return law_table.reason(scheme.problem.targets)

@@ -1,4 +1,4 @@
-"""What a world remembers from step to step in compiled code: the impulses of the last step, and some numbers."""
+"""The memory of a world from step to step in compiled code: the impulses of the last step, and some numbers."""
 
 from __future__ import annotations
 
@@ -18,38 +18,38 @@ from impactlaw.stepping.time_stepping.compiled.state.surfaces import forget_surf
 
 
 class Memory(NamedTuple):
-    """Places in the row of numbers of a world; what is left and gained follows."""
+    """Indices of the numbers of a world; the arrays described at ``left`` follow."""
 
     block: int = 0  # address of the impulses of the last step, an int64
-    capacity: int = 1  # bytes there, an int64
-    groups: int = 2  # of the last step, an int64
-    rows: int = 3  # of the last step, an int64
-    other: int = 4  # another such address: the impulses of the step before the last one
-    other_capacity: int = 5  # bytes there, an int64
-    # whether there was a last step, and the state that it left is the one of now if it looks the same, int64
+    capacity: int = 1  # size in bytes, an int64
+    groups: int = 2  # number of groups of the last step, an int64
+    rows: int = 3  # number of rows of the last step, an int64
+    other: int = 4  # address of a second block, with the impulses of the step before the last one
+    other_capacity: int = 5  # its size in bytes, an int64
+    # whether there was a last step whose final state is the current one if it looks the same, int64
     known: int = 6
-    solved: int = 7  # whether the last step with contact has met its law, an int64
-    steps: int = 8  # taken so far
-    short_steps: int = 9  # of these, steps that have missed it; see `scheme.TimeStepping`
-    impacts: int = 10  # steps so far with a collision
-    inadmissible: int = 11  # of these, steps with one whose outcome by the law left S(v-)
-    collided: int = 12  # 1 if the last step had one
-    shortfall: int = 13  # largest amount by which a contact velocity of the last step misses its law, m/s or rad/s
-    worst: int = 14  # the largest of these so far
+    solved: int = 7  # whether the last step with contact has met the law, an int64
+    steps: int = 8  # number of steps so far
+    short_steps: int = 9  # number of steps that have not met the law, see `scheme.TimeStepping`
+    impacts: int = 10  # number of steps with a collision
+    inadmissible: int = 11  # number of steps with a collision whose outcome by the law left S(v-)
+    collided: int = 12  # 1 if the last step had a collision
+    shortfall: int = 13  # largest amount by which a contact velocity of the last step misses the law, m/s or rad/s
+    worst: int = 14  # largest such amount so far
     created: int = 15  # energy that the law would have created in the last step, J
-    work: int = 16  # part of the work allowed in a step that is left in this one, see `solvers.cones.budget`
-    found_groups: int = 17  # of the impulses found so far in a step that is taken again, an int64
-    found_rows: int = 18  # the same of their rows, 0 if there are none, an int64
-    found_work: int = 19  # what was left of the work allowed when they were found
-    sums: int = 20  # over the collisions of the last step, see `sums`, if they are asked for, five numbers
-    # nothing but the number of places: here qpos and qvel begin that the last step has left, and after them the
-    # velocity that forces have added without contact in the last step, what contact has added to that if nothing
-    # collided, frames, see `frames`, and what is known of mocap bodies, see `surfaces`
+    work: int = 16  # remaining part of the work allowed in this step, see `solvers.cones.budget`
+    found_groups: int = 17  # number of groups of the impulses found so far in a step that is taken again, an int64
+    found_rows: int = 18  # number of their rows, 0 if there are none, an int64
+    found_work: int = 19  # remaining part of the allowed work when they were found
+    sums: int = 20  # five sums over the collisions of the last step, see `sums`, if they are asked for
+    # number of these indices. The following arrays begin here: qpos and qvel at the end of the last step, the change of
+    # velocity by forces without contact in the last step, the change by contact if nothing collided, frames, see
+    # `frames`, and the motion of mocap bodies, see `surfaces`
     left: int = 25
 
 
 MEMORY = Memory()
-_BLOCK = struct.Struct("=4q")  # of its first numbers
+_BLOCK = struct.Struct("=4q")  # layout of the first numbers
 
 
 def _external(name: str, *arguments: object) -> object:
@@ -71,7 +71,7 @@ def last_step(counts):
 
 @kernel
 def found_so_far(counts):
-    """Return the same of what a step has found that is taken again, or of the last step if it has found nothing."""
+    """Return the same for the impulses found so far in a step that is taken again, or those of the last step."""
     if counts[MEMORY.found_rows] == 0:
         return last_step(counts)
     return known_at(counts[MEMORY.other], counts[MEMORY.found_groups], counts[MEMORY.found_rows])
@@ -85,7 +85,7 @@ def forget(counts):
 
 @plain
 def remember_so_far(counts, groups, key, scale, impulses, turns):
-    """Keep groups, keys, coefficients, impulses and turns of a step that is taken again."""
+    """Store groups, keys, coefficients, impulses and turns of a step that is taken again."""
     g, n = len(key), len(scale)
     needed = 24 * g + 32 * n
     if counts[MEMORY.other_capacity] < needed:
@@ -97,7 +97,7 @@ def remember_so_far(counts, groups, key, scale, impulses, turns):
 
 @plain
 def remember(counts, groups, key, scale, impulses, turns):
-    """Keep groups, keys, coefficients, impulses and turns of a step."""
+    """Store groups, keys, coefficients, impulses and turns of a step."""
     remember_so_far(counts, groups, key, scale, impulses, turns)
     for one, other in ((MEMORY.block, MEMORY.other), (MEMORY.capacity, MEMORY.other_capacity)):
         counts[one], counts[other] = counts[other], counts[one]
@@ -106,13 +106,13 @@ def remember(counts, groups, key, scale, impulses, turns):
 
 @kernel
 def impulses_of(counts):
-    """Return the numbers that groups, keys, coefficients, impulses and turns of the last step are kept in."""
+    """Return the numbers in which groups, keys, coefficients, impulses and turns of the last step are stored."""
     return floats(counts[MEMORY.block], 3 * counts[MEMORY.groups] + 4 * counts[MEMORY.rows])
 
 
 @plain
 def go_back(memory, before, impulses):
-    """Let the memory be what it was, with these `impulses_of`; where they are kept stays what it is."""
+    """Restore the memory before a step, with these `impulses_of`; the blocks of impulses stay where they are."""
     counts, was = memory.view(np.int64), before.view(np.int64)
     counts[MEMORY.groups], counts[MEMORY.rows] = was[MEMORY.groups], was[MEMORY.rows]
     put(memory[MEMORY.known :], before[MEMORY.known :])
@@ -123,7 +123,7 @@ def go_back(memory, before, impulses):
 
 
 def make_memory(model: mujoco.MjModel, worlds: int) -> np.ndarray:
-    """Return the memory of some worlds that have nothing to remember, (worlds, n)."""
+    """Return the empty memory of some worlds, (worlds, n)."""
     more = model.nq + 3 * model.nv + FRAME * model.nbody + surface_room(model)
     memory = np.zeros((worlds, MEMORY.left + more))
     begin(memory, slice(None), model)
@@ -131,7 +131,7 @@ def make_memory(model: mujoco.MjModel, worlds: int) -> np.ndarray:
 
 
 def begin(memory: np.ndarray, worlds: Any, model: mujoco.MjModel) -> None:
-    """Let some worlds have nothing to remember, but where impulses are kept."""
+    """Clear the memory of some worlds, except the blocks of impulses."""
     counts = memory.view(np.int64)
     counts[worlds, MEMORY.known], counts[worlds, MEMORY.solved] = 0, 1
     memory[worlds, MEMORY.steps : MEMORY.left] = 0.0
@@ -139,7 +139,7 @@ def begin(memory: np.ndarray, worlds: Any, model: mujoco.MjModel) -> None:
 
 
 def free(memory: np.ndarray) -> None:
-    """Give the memory of impulses back."""
+    """Free the blocks of impulses."""
     for counts in memory.view(np.int64):
         for place in (MEMORY.block, MEMORY.other):
             _LIBC.free(ctypes.c_void_p(int(counts[place])))
@@ -148,7 +148,7 @@ def free(memory: np.ndarray) -> None:
 
 
 class Known(NamedTuple):
-    """What `contact_problem.guess` and `turns.recall_turns` take: groups, keys, coefficients, impulses and turns."""
+    """Input of `contact_problem.guess` and `turns.recall_turns`: groups, keys, coefficients, impulses and turns."""
 
     groups: np.ndarray
     key: np.ndarray
@@ -158,13 +158,13 @@ class Known(NamedTuple):
 
 
 def raw(numbers: np.ndarray) -> bytes:
-    """Return a copy of the impulses that the numbers of a world tell of; its block must not have been written since."""
+    """Return a copy of the impulses of a world, given its numbers; the block must not have been overwritten since."""
     block, _, g, n = _BLOCK.unpack_from(numbers.data)
     return ctypes.string_at(block, 24 * g + 32 * n) if g else b""
 
 
 def recollect(numbers: np.ndarray, impulses: bytes) -> Known:
-    """Return the impulses that the numbers of a world tell of, from what `raw` returned."""
+    """Return the impulses of a world, given its numbers and the result of `raw`."""
     g, n = numbers[MEMORY.groups : MEMORY.rows + 1].view(np.int64).tolist()
     parts = (np.int64, g), (np.float64, n), (np.float64, n), (np.float64, 2 * n), (np.int32, 4 * g)
     found, at = [], 0
@@ -177,7 +177,7 @@ def recollect(numbers: np.ndarray, impulses: bytes) -> Known:
 
 
 def restore(numbers: np.ndarray, kept: np.ndarray, impulses: bytes) -> None:
-    """Let a world that has nothing to remember have the memory of another one."""
+    """Restore the memory of another world in a world with empty memory."""
     counts, mine = numbers.view(np.int64), [MEMORY.block, MEMORY.capacity, MEMORY.other, MEMORY.other_capacity]
     blocks = counts[mine].copy()
     numbers[:] = kept

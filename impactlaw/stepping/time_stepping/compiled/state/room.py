@@ -1,6 +1,6 @@
-"""Memory of the contact problem of a step: one piece, of which views are made where they are needed.
+"""Memory for the contact problem of a step: one block, with views that are made where they are needed.
 
-Nobody counts who holds a view: the piece lives as long as the step.
+Views are not reference-counted: the block lives as long as the step.
 """
 
 from __future__ import annotations
@@ -18,32 +18,32 @@ Array = np.ndarray[Any, Any]
 
 
 class Room(NamedTuple):
-    """Addresses of what a step needs for its contacts, and how large that can be."""
+    """Addresses of arrays for the contact problem of a step, and their sizes."""
 
-    rows: int  # of `Rows`
-    answer: int  # of `Answer`
-    known: int  # of groups, keys, coefficients, impulses and turns that are known last
-    velocities: int  # of velocities, (`VELOCITIES`, nv)
-    sums: int  # over the collisions, see `sums`
-    entries: int  # most entries of whitened rows
+    rows: int  # address of `Rows`
+    answer: int  # address of `Answer`
+    known: int  # address of the last known groups, keys, coefficients, impulses and turns
+    velocities: int  # address of velocities, (`VELOCITIES`, nv)
+    sums: int  # address of sums over the collisions, see `sums`
+    entries: int  # largest number of entries of whitened rows
     nv: int  # degrees of freedom
 
 
 class Answer(NamedTuple):
-    """What contacts aim at and do; see `resolve.resolve_step`.
+    """Targets and results of the contacts; see `resolve.resolve_step`.
 
     Attributes:
         x: impulses of rows, in units of the problem, (n,).
-        sliding: sliding velocities aimed at, (n,).
-        target: velocities aimed at with all restitution, (g,).
-        reached: those that were aimed at, (g,).
-        change: of velocity, (nv,).
-        shift: velocity that opens overlaps, (nv,), if some are to be opened.
+        sliding: target sliding velocities, (n,).
+        target: target velocities with all restitution, (g,).
+        reached: the targets that were actually aimed at, (g,).
+        change: change of velocity, (nv,).
+        shift: velocity that opens overlaps, (nv,), if there are any to open.
         z: whitened change of velocity, (nv,).
         may: which groups may collide, bool (g,).
-        collides: which groups do, bool (g,).
-        later: which are hit only through others, bool (g,).
-        bound: which are equality constraints that must not drive the collision, bool (g,).
+        collides: which groups collide, bool (g,).
+        later: which groups are hit only through others, bool (g,).
+        bound: which groups are equality constraints that must not drive the collision, bool (g,).
     """
 
     x: Array
@@ -60,24 +60,24 @@ class Answer(NamedTuple):
 
 
 VELOCITIES = 12
-"""Velocities, (nv,) each, that there is room for."""
+"""Number of velocities, (nv,) each, that there is room for."""
 
 
 @plain
 def rows_size(g, n, m):
-    """Return how many numbers of 64 bits the rows of g groups, n rows and m entries take."""
+    """Return the number of 64-bit numbers for rows of g groups, n rows and m entries."""
     return m + 7 * n + 5 * g + (3 * n + 1) // 2 + (m + 1) // 2
 
 
 @plain
 def answer_size(g, n, nv):
-    """Return how many numbers of 64 bits an answer takes."""
+    """Return the number of 64-bit numbers for an answer."""
     return 2 * n + 2 * g + 3 * nv + (4 * g + 7) // 8
 
 
 @plain
 def lay_out(at, n, m, nv):
-    """Return `Room` for n rows and m entries at an address, and how many numbers of 64 bits it takes."""
+    """Return the `Room` for n rows and m entries at an address, and the number of its 64-bit numbers."""
     answer = at + 8 * rows_size(n, n, m)
     known = answer + 8 * answer_size(n, n, nv)
     velocities = known + 8 * (3 * n + 4 * n)
@@ -87,7 +87,7 @@ def lay_out(at, n, m, nv):
 
 @kernel
 def rows_at(at, g, n, m):
-    """Return `Rows` of g groups, n rows and room for m entries at an address."""
+    """Return the `Rows` of g groups, n rows and room for m entries at an address."""
     rates = at + 8 * m
     amounts = rates + 56 * n
     key = amounts + 16 * g
@@ -102,7 +102,7 @@ def rows_at(at, g, n, m):
 
 @kernel
 def answer_at(at, g, n, nv):
-    """Return `Answer` at an address."""
+    """Return the `Answer` at an address."""
     sliding = at + 8 * n
     target = sliding + 8 * n
     reached = target + 8 * g
@@ -118,7 +118,7 @@ def answer_at(at, g, n, nv):
 
 @kernel
 def velocities_at(room, first, many):
-    """Return some of the velocities that there is room for, (many nv,)."""
+    """Return some of the velocities as scratch space, (many nv,)."""
     return floats(room.velocities + 8 * first * room.nv, many * room.nv)
 
 
@@ -135,7 +135,7 @@ def known_at(at, g, n):
 
 @plain
 def keep_known(known, groups, key, scale, impulses, turns):
-    """Copy groups, keys, coefficients, impulses and turns of a step to where they are known."""
+    """Copy groups, keys, coefficients, impulses and turns of a step to the known ones."""
     for k in range(4):
         put(known[0][k], groups[k])
     put(known[1], key)

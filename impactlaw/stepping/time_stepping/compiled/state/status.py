@@ -1,20 +1,20 @@
-"""How a step in compiled code has ended."""
+"""The ways in which a step in compiled code can end."""
 
 FINE = 0
 HUGE_INPUT = 1
-"""The state is not finite, or huge."""
+"""The state at the start is not finite, or huge."""
 HUGE_OUTPUT = 2
 """Position or velocity is not finite, or huge, at the end."""
 NOT_FINITE = 3
-"""The forces are not."""
+"""The forces are not finite."""
 CREATES = 4
 """The law would create energy."""
 UNKNOWN = 5
 """The restitution of a contact is not known yet."""
 TIMESTEP = 6
-"""It is not positive, or not finite."""
+"""The timestep is not positive, or not finite."""
 CALLBACK = 7
-"""A callback of MuJoCo is set."""
+"""One of MuJoCo's callbacks is set."""
 UNSEEN = 8
 """A limit of a joint was left out that the step would pass."""
 FARTHER = 9

@@ -1,7 +1,7 @@
-"""Sums over the collisions of a compiled step, as those over its events would be; see `events.CollisionRecord`.
+"""Sums over the collisions of a compiled step, equal to those over its events; see `events.CollisionRecord`.
 
-A collision by itself starts at v- and knows no forces, so that its problem is solved once more. Where that is not all,
-because surfaces move, equality constraints take part, or the outcome is not in S(v-), events are asked for.
+A collision alone starts at v- and contains no forces, so that its problem is solved again. If this does not suffice,
+because surfaces move, equality constraints take part, or the outcome is not in S(v-), the sums need events.
 """
 
 from __future__ import annotations
@@ -19,18 +19,19 @@ from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setti
 from impactlaw.stepping.time_stepping.problem.targets import reached_groups
 
 COUNT, ENERGY, INTENSITY, DISTANT, INADMISSIBLE = 0, 1, 2, 3, 4
-"""Places in the sums: number of collisions, T+ - T-, |v+ - v-|, collisions with a distant effect, and with scaled
-restitution."""
+"""Indices of the sums: number of collisions, T+ - T-, |v+ - v-|, and number of collisions with a distant effect, and
+with scaled restitution.
+"""
 SUMS = 5
 
 _TOLERANCE, _ENOUGH, _ROUNDS = 1e-13, 1e-10, np.int64(24)
-_DRIFT = 1e-10  # part of |v-|, as a row sees it, that the velocity of a row may differ from J v
+_DRIFT = 1e-10  # largest difference of a row's velocity from J v, relative to the row's part of |v-|
 _OUTSIDE = 1e-10  # part of |v-| by which an outcome may leave S(v-)
 
 
 @once
 def _aims(rows, members, v, speed, target, sliding, b):
-    """Write the offsets of the rows that take part; return whether nothing but v moves them."""
+    """Write the offsets of the rows that take part; return whether their velocities are due to v alone."""
     for g in members:
         first = rows.groups[0, g]
         for r in range(first, first + rows.groups[1, g]):
@@ -47,7 +48,7 @@ def _aims(rows, members, v, speed, target, sliding, b):
 
 @plain
 def _list(groups, reached, members, firsts, sizes, kinds):
-    """Write which groups are reached, their first rows and sizes, and that they are contacts."""
+    """Write the groups that are reached, with their first rows, sizes, and the kind of contacts."""
     at = 0
     for g in range(len(reached)):
         if reached[g]:
@@ -57,13 +58,13 @@ def _list(groups, reached, members, firsts, sizes, kinds):
 
 @kernel
 def add_collision(w, rows, answer, share, metric, velocity, sums):
-    """Add a collision of a phase to the sums, (`SUMS`,); NaN where it needs its event.
+    """Add a collision of a phase to the sums, (`SUMS`,); NaN if its event is needed.
 
     Args:
         w: the world.
-        rows: of the phase.
+        rows: rows of the phase.
         answer: see `room.Answer`.
-        share: of the law's restitution that is left.
+        share: share of the law's restitution that is kept.
         metric: L and 1 / D.
         velocity: v-, (nv,).
         sums: see `COUNT`, written.
@@ -105,7 +106,7 @@ def add_collision(w, rows, answer, share, metric, velocity, sums):
 
 @once
 def _book(rows, members, x, z, speed, sums):
-    """Add what is known of a collision; NaN if its outcome is not in S(v-)."""
+    """Add the properties of a collision to the sums; NaN if its outcome is not in S(v-)."""
     work, distant = 0.0, False
     for g in members:
         first = rows.groups[0, g]

@@ -1,7 +1,7 @@
-"""Moving surfaces in compiled code; see `scene.moving_surfaces.Surfaces`, whose formulas these are.
+"""Moving surfaces in compiled code, with the formulas of `scene.moving_surfaces.Surfaces`.
 
-What a world knows of them is in its memory: some numbers, and a row for each mocap body. What a step finds out becomes
-what the next one starts from when it has not failed.
+The memory of a world holds the state of surfaces: some numbers, and a row for each mocap body. The results of a step
+become the start of the next one if the step has not failed.
 """
 
 from __future__ import annotations
@@ -28,57 +28,57 @@ from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of,
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 
 _MEETS = 2.0
-"""What the setting is where some of the mocap bodies can meet others, and not just 1."""
+"""The value of the setting if mocap bodies can meet other bodies; otherwise it is 1."""
 
 
 class Head(NamedTuple):
-    """Places of the numbers before the rows."""
+    """Indices of the numbers before the rows."""
 
-    time: int = 0  # when the last step ended, s; NaN if there was none
-    began: int = 1  # when this step began, s
-    speed: int = 2  # how fast a point of a moving surface is at most in this step, m/s
+    time: int = 0  # end of the last step, s; NaN if there was none
+    began: int = 1  # start of this step, s
+    speed: int = 2  # largest speed of a point of a moving surface in this step, m/s
     moves: int = 3  # 1 if bodies that can meet others move in this step
-    still: int = 4  # 1 if no body moves in this step, nor did at the end of the one before
+    still: int = 4  # 1 if no body moves in this step, nor did at the end of the last step
 
 
 class Row(NamedTuple):
-    """Where parts of the row of a body begin: poses have 7 numbers, velocities 6."""
+    """First indices of the parts of a body's row: poses have 7 numbers, velocities 6."""
 
-    target: int = 0  # pose that the last step went to
+    target: int = 0  # pose at the end of the last step
     mean: int = 7  # mean velocity of the last step
     last: int = 13  # velocity at the end of the last step
     start: int = 19  # pose at the start of this step
-    to: int = 26  # pose that this step goes to
+    to: int = 26  # pose at the end of this step
     through: int = 33  # mean velocity of this step
     first: int = 39  # velocity at the start of this step
     end: int = 45  # velocity at the end of this step
     now: int = 51  # velocity in the middle of this step
-    width: int = 57  # of a row
+    width: int = 57  # length of a row
 
 
 HEAD, ROW = Head(), Row()
 
 
 def surface_room(model: mujoco.MjModel) -> int:
-    """Return how many numbers a world keeps of its mocap bodies."""
+    """Return the number of values that the memory of a world holds for its mocap bodies."""
     return len(HEAD) + ROW.width * model.nmocap if model.nmocap else 0
 
 
 def forget_surfaces(memory: np.ndarray, worlds: Any, model: mujoco.MjModel) -> None:
-    """Let some worlds, of memories (nsim, n), have no last step from which surfaces go on."""
+    """Clear the last motion of surfaces for some worlds, in their memories, (nsim, n)."""
     if model.nmocap:
         memory[worlds, memory.shape[1] - surface_room(model) + HEAD.time] = np.nan
 
 
 def _kept(numbers: np.ndarray, model: mujoco.MjModel) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Return what the numbers of a world tell of its mocap bodies: head, targets, mean and last velocities."""
+    """Return the parts of a world's memory for mocap bodies: head, targets, mean and last velocities."""
     kept = numbers[len(numbers) - surface_room(model) :]
     rows = kept[len(HEAD) :].reshape(model.nmocap, ROW.width)
     return kept, [rows[:, a:b] for a, b in pairwise((ROW.target, ROW.mean, ROW.last, ROW.start))]
 
 
 def last_motion(numbers: np.ndarray, model: mujoco.MjModel) -> LastMotion | None:
-    """Return how mocap bodies have moved in the last step of a world, from its numbers."""
+    """Return the motion of mocap bodies in the last step of a world, from its memory."""
     if not model.nmocap:
         return None
     head, parts = _kept(numbers, model)
@@ -86,7 +86,7 @@ def last_motion(numbers: np.ndarray, model: mujoco.MjModel) -> LastMotion | None
 
 
 def put_motion(numbers: np.ndarray, model: mujoco.MjModel, motion: LastMotion | None) -> None:
-    """Let the last step of a world have moved mocap bodies like that."""
+    """Set the motion of mocap bodies in the last step of a world."""
     if motion is None:
         return
     head, parts = _kept(numbers, model)
@@ -112,14 +112,14 @@ def _rows(w):
 
 @plain
 def _speed(row, at, arm):
-    """Return how fast a point of a body can be at a velocity in its row, m/s."""
+    """Return the largest speed of a point of a body at a velocity in its row, m/s."""
     linear = np.sqrt(row[at] ** 2 + row[at + 1] ** 2 + row[at + 2] ** 2)
     return linear + arm * np.sqrt(row[at + 3] ** 2 + row[at + 4] ** 2 + row[at + 5] ** 2)
 
 
 @kernel
 def _begin(w, row, goes_on, arm):
-    """Find how a body moves in a step; return how fast a point of it is at most, m/s, and whether it moves at all."""
+    """Find the motion of a body in a step; return the largest speed of its points, m/s, and whether it moves at all."""
     h, turn, change = w.timestep, numbers(3), numbers(6)
     far = 0.0
     for k in range(3):
@@ -156,7 +156,7 @@ def _begin(w, row, goes_on, arm):
 
 @kernel
 def begin_surfaces(w):
-    """Let a step begin: bodies move to the poses of data from where the last step has left them."""
+    """Start a step in which bodies move to the poses in data, from the poses at the end of the last step."""
     head, rows, m = _head(w), _rows(w), size(w, MODEL.nmocap)
     position, quaternion = data_floats(w, DATA.mocap_pos, 3 * m), data_floats(w, DATA.mocap_quat, 4 * m)
     arm = floats(w.sizes + 8 * size(w, MODEL.nbody), m)
@@ -174,7 +174,7 @@ def begin_surfaces(w):
 
 @kernel
 def aim_surfaces(w):
-    """Put the bodies where the step ends."""
+    """Move the bodies to their poses at the end of the step."""
     rows, m = _rows(w), size(w, MODEL.nmocap)
     position, quaternion = data_floats(w, DATA.mocap_pos, 3 * m), data_floats(w, DATA.mocap_quat, 4 * m)
     for i in range(m):
@@ -184,7 +184,7 @@ def aim_surfaces(w):
 
 @kernel
 def place_surfaces(w):
-    """Put the bodies where they are in the middle of the step."""
+    """Move the bodies to their poses in the middle of the step."""
     head, rows, m, h = _head(w), _rows(w), size(w, MODEL.nmocap), w.timestep
     if head[HEAD.still] != 0.0:
         return
@@ -208,7 +208,7 @@ def place_surfaces(w):
 
 @kernel
 def speeds_of_middle(w):
-    """Find the velocities of the bodies in the middle of the step, whose end is the time of data."""
+    """Find the velocities of the bodies in the middle of the step; the time of data is its end."""
     head, rows, h = _head(w), _rows(w), w.timestep
     s = (_time(w) - 0.5 * h - head[HEAD.began]) / h
     first, last, mean = (1 - s) * (1 - 3 * s), s * (3 * s - 2), 6 * s * (1 - s)
@@ -220,7 +220,7 @@ def speeds_of_middle(w):
 
 @kernel
 def end_surfaces(w):
-    """Let the next step go on from here."""
+    """Store the end of this step as the start of the next one."""
     head, rows = _head(w), _rows(w)
     head[HEAD.time] = _time(w)
     for i in range(len(rows)):
@@ -232,19 +232,19 @@ def end_surfaces(w):
 
 @plain
 def surface_speed(w):
-    """Return how fast a point of a moving surface is at most, m/s."""
+    """Return the largest speed of a point of a moving surface, m/s."""
     return 0.0 if w.surfaces == 0 else float_at(w.surfaces + 8 * HEAD.speed)
 
 
 @plain
 def surfaces_move(w):
-    """Return whether bodies of the scene that can meet others move in this step."""
+    """Return whether any mocap body that can meet others moves in this step."""
     return w.surfaces != 0 and float_at(w.surfaces + 8 * HEAD.moves) != 0.0
 
 
 @kernel
 def _motion(w, contact, moved):
-    """Write how the second surface of a contact moves by itself as seen from the first: velocity and spin, (6,)."""
+    """Write the motion of the second surface of a contact relative to the first: velocity and spin, (6,)."""
     rows, nbody, ngeom, m = _rows(w), size(w, MODEL.nbody), size(w, MODEL.ngeom), size(w, MODEL.nmocap)
     body_of, root = model_ints(w, MODEL.geom_bodyid, ngeom), model_ints(w, MODEL.body_rootid, nbody)
     mocap, place = model_ints(w, MODEL.body_mocapid, nbody), data_floats(w, DATA.mocap_pos, 3 * m)
@@ -266,7 +266,7 @@ def _motion(w, contact, moved):
 
 @kernel
 def add_surfaces(w, groups, sparse, rates):
-    """Add the velocities of mocap bodies to those of the rows of contacts; see `rows.Rows`."""
+    """Add the velocities of mocap bodies to the velocities of contact rows; see `rows.Rows`."""
     moved = numbers(6)
     address, frame = contact_ints(w, CONTACT.efc_address, 1)[:, 0], contact_floats(w, CONTACT.frame, 9)
     for g in range(groups.shape[1]):

@@ -1,4 +1,4 @@
-"""One world in compiled code: a model of its own for the step, its data, and what the scheme has been told."""
+"""One world in compiled code: its copy of the model for the step, its data, and the options of the scheme."""
 
 from __future__ import annotations
 
@@ -14,41 +14,41 @@ from impactlaw.stepping.compiled.fields import (
 
 
 class Settings(NamedTuple):
-    """What the scheme has been told, as places in a row of numbers."""
+    """Options of the scheme, as indices of an array of numbers."""
 
     rest_speed: int = 0  # least closing speed of a collision, m/s or rad/s
     sliding: int = 1  # tangential restitution
     exact: int = 2  # 1 for exact Coulomb friction, 0 for its convex relaxation
-    # what is done with energy that a law would create: 1 to scale restitution, 0 to let it, -1 to stop
+    # what to do with energy that a law would create: 1 to scale restitution, 0 to allow it, -1 to stop
     dissipative: int = 3
-    frictional: int = 4  # 1 where contacts have friction
-    inertial: int = 5  # 1 where Coriolis or gyroscopic forces act
-    sticks: int = 6  # 1 where something sticks across gaps
-    forces: int = 7  # 1 where forces are written as MuJoCo's own cones have them
-    restitution: int = 8  # e, where it is the same for all contacts; else NaN
+    frictional: int = 4  # 1 if contacts have friction
+    inertial: int = 5  # 1 if Coriolis or gyroscopic forces act
+    sticks: int = 6  # 1 if bodies can stick across gaps
+    forces: int = 7  # 1 if forces are written for the cones that the user has chosen
+    restitution: int = 8  # e if it is the same for all contacts; else NaN
     reversal: int = 9  # e of a law that reverses contact velocities along the contacts' order; else NaN
-    surfaces: int = 10  # whether mocap bodies move through a step, and touch others: see `surfaces`; else 0
-    told: int = 11  # 1 where sums over collisions are asked for
+    surfaces: int = 10  # whether mocap bodies move during a step, and meet other bodies, see `surfaces`; else 0
+    told: int = 11  # 1 if sums over collisions are asked for
 
 
 SETTING = Settings()
 
 
 class World(NamedTuple):
-    """One world, and what a step has found out about it."""
+    """One world, and results of a step about it."""
 
-    model: int  # address of its model, whose options and margins are those of the step
+    model: int  # address of its model with the options and margins of the step
     data: int  # address of its data
-    scratch: int  # address of other data, for looks at contacts that data is not to show
+    scratch: int  # address of other data, for looks at contacts that must not change data
     table: int  # address of offsets of fields, see `fields`
     settings: int  # address of `Settings`
-    sizes: int  # address of `margins.find_sizes`, m, (nbody,), and then how far mocap bodies reach, m, (nmocap,)
-    bilateral: int  # address of which equality constraints a collision must not violate, uint8 (neq,)
+    sizes: int  # address of `margins.find_sizes`, m, (nbody,), followed by the reach of mocap bodies, m, (nmocap,)
+    bilateral: int  # address of kinds of equality constraints, 0 if a collision may violate them, uint8 (neq,)
     nv: int  # degrees of freedom
     timestep: float  # h, s
     damped: bool  # whether the integrator damps implicitly
-    surfaces: int  # address of what is known of mocap bodies, see `surfaces`; 0 if they do not move through a step
-    work: int  # address of the part of the work allowed in the step that is left, see `solvers.cones.budget.spend`
+    surfaces: int  # address of the state of mocap bodies, see `surfaces`; 0 if they do not move during a step
+    work: int  # address of the remaining part of the work allowed in the step, see `solvers.cones.budget.spend`
 
 
 @plain
