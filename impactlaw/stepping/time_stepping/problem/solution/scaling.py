@@ -85,8 +85,8 @@ def largest_share(
 
     The collision alone starts from v- and contains no forces; its contacts do ``Lambda^T (gamma- + gamma+) / 2``. With
     friction, or a matrix E, that can be positive (T. R. Kane, *A dynamics puzzle*, 1984); with s = 0 it is not. If it
-    is positive, s is chosen such that the collision creates no energy, with forces either, or no more than with s = 0.
-    If the collision need not be `dissipative`, s is 1.
+    is positive, s is chosen such that the collision creates no energy together with forces either, or no more than
+    with s = 0. If the collision need not be `dissipative`, s is 1.
     """
     n = rates.shape[1]
     alone, x, z = numbers(5 * n).reshape((5, n)), copied(known), numbers(len(tree))
