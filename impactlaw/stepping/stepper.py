@@ -64,19 +64,19 @@ class Stepper:
             friction of its own is wrapped in `Coulomb` if contacts have friction.
         overlap: what to do with geoms that overlap, and joints beyond their limits, by more than gap_tolerance
             (penetration of meshes and height fields that comes from rounding to single precision is not counted).
-            "refuse" raises an error. "push-out" moves the configuration by the smallest shift in the kinetic metric
-            that opens all gaps, and keeps the velocity. Overlap is checked only where the configuration is not the one
-            that the last step left, as at the start and after a reset. (Event-driven; time stepping opens overlaps
-            over time.)
+            "refuse" (the default) raises an error. "push-out" moves the configuration by the smallest shift in the
+            kinetic metric that opens all gaps, and keeps the velocity. Overlap is checked only where the configuration
+            is not the one that the last step left, as at the start and after a reset. (Event-driven; time stepping
+            opens overlaps over time.)
         contacts: the contacts between geoms that the law is for: a pattern such as "*foot*" or "*foot*/floor", or
             several patterns (`laws.restitution.labels`); all contacts by default. The others do not collide by the
             law: they remain MuJoCo's soft contacts if contact_model is "soft", and are rigid with E = 0 otherwise.
         limits: whether the law is also for the limits of joints and tendons; if not, limits are treated like the
             contacts that the law is not for.
         on_inadmissible: what to do with an outcome of the law outside of S(v-), that is, one that would create
-            energy or penetrate: "raise" (the default), "project" it onto S(v-), or "allow" it. Time stepping never
-            penetrates; there "project" is the default and scales all restitution of a collision so that it creates
-            no energy.
+            energy or penetrate: "raise" (the default), "project" it onto S(v-), or "allow" it. In time stepping no
+            outcome penetrates; there "project" is the default and scales all restitution of a collision so that it
+            creates no energy.
         on_unsolved: what to do if no certified impulses are found, the law has no solution, contact is not held,
             overlap cannot be pushed out, or a step takes too much work (work is counted, not timed): "time-stepping"
             (the default) takes the rest of the step, "raise" raises an error (event-driven).
