@@ -255,7 +255,7 @@ def advance(
         memory: memory of the world, see `memory.Memory`.
         model: address of room for a copy of the model's structure.
         margins: room for its margins, `borrow.room`.
-        state: room for the state; it holds the state at the start in the end.
+        state: room for the state; at the end it holds the state from the start of the step.
         loaded: whether only the state of data is current.
     """
     cone = borrow(user, model, margins, table, float_at(settings + 8 * SETTING.sticks) != 0.0)
