@@ -1,4 +1,4 @@
-"""Contacts near each other or closed, and the directions along which impulses on them act."""
+"""Contacts that are near or closed, and the directions along which impulses on them act."""
 
 from __future__ import annotations
 

@@ -131,7 +131,7 @@ def _match_points(contact_set: ContactSet, phase: Phase) -> np.ndarray:
 
 
 def runs_on(half: PhaseEnd, end: PhaseEnd, phase: Phase, deepest: int) -> bool:
-    """Return whether a contact at the end is one that is held after half of the phase, and has run on as before.
+    """Return whether a contact at the end is one that was held halfway through the phase, and has run on as before.
 
     The condition is ``|p(tau) - p(tau / 2)| <= 2 |p(tau / 2) - p(0)|`` for the contact point p, m. Another edge would
     be further away.

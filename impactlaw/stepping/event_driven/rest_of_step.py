@@ -24,7 +24,7 @@ _PARTS = 64  # largest number of parts into which the rest of a step is cut
 class RestOfStep:
     """Takes the rest of steps by time stepping; after repeated failures also whole steps, twice as many each time.
 
-    It never raises for a law: where `Stepper` would raise for inadmissible outcomes, they are projected.
+    Time stepping must not raise here: where `Stepper` would raise for inadmissible outcomes, they are projected.
 
     Time stepping looks for contacts in the middle of a step, and knows no half step before its first one. If a body
     would by then be behind another or deep in it, the rest is cut into equal parts. If a step starts where the last

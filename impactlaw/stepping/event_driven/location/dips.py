@@ -26,7 +26,7 @@ from impactlaw.stepping.event_driven.location.trial_step import TrialStep
 from impactlaw.stepping.event_driven.matching import match
 
 _TRIALS = 12  # largest number of trial steps for the lowest point of one gap; smooth gaps take one or two
-_TURNS = 0.1  # part of the longest turn up to which the nearest points of bodies stay where they are
+_TURNS = 0.1  # part of the longest turn up to which the nearest points of bodies stay in place
 _INNER = 0.02  # distance of a trial step from the ends of its bracket, as a part of the bracket
 _WIDE = 1e-2  # part of the scene's size above which the crude bound on motion is too wide for a look at contacts
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)

@@ -108,7 +108,7 @@ def _hold_velocity(phase_end: PhaseEnd, phase: Phase, felt: FeltForce, free: np.
 
 
 def _with_more(phase_end: PhaseEnd, phase: Phase) -> PhaseEnd:
-    """Return the contacts, where those are sustained, too, that stay closed because others are now held."""
+    """Return the contacts; those that stay closed because others are now held are sustained, too."""
     now, known, sustained = phase_end
     return PhaseEnd(now, known, sustained | stays(now.gap, known, phase))
 
