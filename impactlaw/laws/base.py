@@ -1,4 +1,4 @@
-"""What a law is: the contact velocities it aims at, and the impulse that its complementarity then demands."""
+"""The base class of impact laws: a law gives target contact velocities, and complementarity gives the impulse."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from impactlaw.solvers.tolerances import RANK
 
 
 class Target(NamedTuple):
-    """The contact velocities a law aims at.
+    """The contact velocities that a law aims at.
 
     Attributes:
         contact_velocity: ``gamma^h``, shape (h,), m/s.
-        velocity: a velocity u with ``J u = gamma^h`` where the law knows one, shape (nv,).
-        coefficient: e where that velocity is ``-e v-``; then ``velocity`` may be left out.
+        velocity: a velocity u with ``J u = gamma^h``, shape (nv,), if the law knows one.
+        coefficient: e, if ``u = -e v-`` is such a velocity; ``velocity`` may then be left out.
     """
 
     contact_velocity: np.ndarray
@@ -38,18 +38,18 @@ class Law(ABC):
     """An impact law ``0 <= Lambda  ⊥  gamma+ - gamma^h >= 0``, ``v+ = v- + M^-1 J^T Lambda``.
 
     A law is a frozen dataclass with one method, `target`, which gives ``gamma^h``
-    (Aeberhard and Glocker, "Perfect multi-contact collisions", extended Newton impact law). To be found by `make_law`,
-    it has a name and a description, and one line in `impactlaw.laws.registry`.
+    (Aeberhard and Glocker, "Perfect multi-contact collisions", extended Newton impact law). For `make_law` to find it,
+    it needs a name, a description and one line in `impactlaw.laws.registry`.
 
-    It is for contacts that close or are still, ``gamma- <= 0``: where one opens before, a law that reverses velocities
-    aims at penetration. Steppers leave such contacts out.
+    A law applies to contacts that close or are at rest, ``gamma- <= 0``. For a contact that already opens, a law that
+    reverses velocities would aim at penetration; steppers leave such contacts out.
 
     Attributes:
-        name: by which `make_law` knows the law.
+        name: the name of the law in `make_law`.
         description: one line for lists of laws.
-        has_friction: whether the law decides about friction, too.
-        per_contact: whether the target of a contact depends on the velocity of that contact only.
-        takes_restitution: whether `make_law` takes a restitution with the law's name.
+        has_friction: whether the law also decides about friction.
+        per_contact: whether the target of each contact depends on the velocity of that contact only.
+        takes_restitution: whether `make_law` takes a restitution together with the name of the law.
     """
 
     name = ""
@@ -60,7 +60,7 @@ class Law(ABC):
 
     @classmethod
     def of(cls, restitution: Any) -> Law:
-        """Return the law with what `make_law` was given, or None: then the law's own default, if it has one.
+        """Return the law with the restitution given to `make_law`; None means the law's own default, if it has one.
 
         Raises:
             RestitutionError: the restitution is missing, superfluous or not in range.
@@ -73,27 +73,27 @@ class Law(ABC):
 
     @property
     def has_target(self) -> bool:
-        """Whether the target decides alone: not for a law with a `resolve` of its own, such as Poisson's."""
+        """Whether the target alone decides the outcome: False for a law with its own `resolve`, such as Poisson's."""
         return type(self).resolve is Law.resolve
 
     @property
     def normal_law(self) -> Law:
-        """What decides along the normals: the law itself, or the one that it adds friction to."""
+        """The law that decides along the normals: this law itself, or the one to which it adds friction."""
         return self
 
     @property
     def common_coefficient(self) -> float | None:
-        """The number e where ``gamma^h = -e gamma-`` for every contact of any collision, else None."""
+        """The number e if ``gamma^h = -e gamma-`` for every contact of any collision, else None."""
         return None
 
     @property
     def contact_labels(self) -> frozenset[str]:
-        """Labels and patterns that the normal law is keyed with, in canonical order; empty if it is not."""
+        """Labels and patterns by which the normal law is keyed, in canonical form; empty if it has no keys."""
         return frozenset() if self.normal_law is self else self.normal_law.contact_labels
 
     @property
     def contact_count(self) -> int | None:
-        """Number of contacts that the normal law is for; None if for any."""
+        """Number of contacts that the normal law fits; None if it fits any number."""
         return None if self.normal_law is self else self.normal_law.contact_count
 
     def seeded(self, seed: int) -> Law:
@@ -109,14 +109,14 @@ class Law(ABC):
         """
 
     def resolve(self, collision: Collision, *, solver: str = "auto") -> Impact:
-        """Return the impact this law makes of the collision.
+        """Return the outcome of the collision under this law.
 
         Args:
-            collision: what collides.
+            collision: the collision to resolve.
             solver: a name from `impactlaw.solvers.SOLVERS`, or "auto".
 
         Raises:
-            InvalidCollisionError: it is no `Collision`.
+            InvalidCollisionError: the argument is not a `Collision`.
             RestitutionError: the law's coefficients do not fit the number of contacts.
             UnknownNameError: no such solver.
             UnsolvableLawError: no velocity satisfies the law; the message names the contacts that conflict.
@@ -129,7 +129,10 @@ class Law(ABC):
 
 
 def aim(law: Law, collision: Collision) -> Target:
-    """Return the target of a law, whoever wrote that, its contact velocity as an array of finite numbers, (h,)."""
+    """Return the law's target after checking it, with its contact velocity as an array of h finite numbers.
+
+    Laws may be written by users; `RestitutionError` says what is wrong with their target.
+    """
     target, h = law.target(collision), len(collision.labels)
     if not isinstance(target, Target):
         what = f"must return a Target, as Target(contact_velocity), not {type(target).__name__}"
@@ -143,7 +146,7 @@ def aim(law: Law, collision: Collision) -> Target:
 
 
 def jump_problem(collision: Collision, target: Target) -> Problem:
-    """Return the problem whose solution is the law's jump: the smallest one that reaches the target."""
+    """Return the problem whose solution is the velocity jump of the law, the smallest one that reaches the target."""
     wanted, velocity, e = target
     Y, preimage = collision.whitened_jacobian, None
     bound = wanted - collision.pre_contact_velocity
@@ -160,29 +163,29 @@ def jump_problem(collision: Collision, target: Target) -> Problem:
 
 
 class RestitutionLaw(Law):
-    """A law with a restitution matrix: ``gamma^h = -E gamma-``; ``E = e 1`` where it has a `common_coefficient` e."""
+    """A law with a restitution matrix, ``gamma^h = -E gamma-``; ``E = e 1`` if it has a `common_coefficient` e."""
 
     def restitution_matrix(self, collision: Collision) -> Any:
-        """Return ``E``, shape (h, h), for the contacts of this collision; an array, or a CSR array."""
+        """Return ``E`` for the contacts of this collision, shape (h, h), as a dense or a CSR array."""
         assert self.common_coefficient is not None
         return self.common_coefficient * np.eye(len(collision.labels))
 
     def target(self, collision: Collision) -> Target:
-        """Return ``gamma^h = -E gamma-``; ``E = e 1`` also gives the velocity ``-e v-``."""
+        """Return ``gamma^h = -E gamma-``; for ``E = e 1`` also the coefficient e."""
         e, gamma = self.common_coefficient, collision.pre_contact_velocity
         return Target(-(self.restitution_matrix(collision) @ gamma)) if e is None else Target(-e * gamma, coefficient=e)
 
 
 def energy_gain(collision: Collision, restitution_matrix: ArrayLike) -> float:
-    """Return the largest factor by which ``E`` can change the energy of the contacts' motion, over every ``gamma-``.
+    """Return the largest factor by which ``E`` can change the energy of the contacts' motion, over all ``gamma-``.
 
     With all contacts active, E, of shape (h, h), is dissipative for every ``gamma-`` iff ``E^T G^-1 E <= G^-1``, that
-    is iff this number, the largest eigenvalue of ``G E^T G^-1 E``, is at most 1; an isometry (elastic law) has 1. With
-    redundant contacts the range of J takes the place of all ``gamma-``.
+    is iff this number, the largest eigenvalue of ``G E^T G^-1 E``, is at most 1; for an isometry (elastic law) it is 1.
+    With redundant contacts only ``gamma-`` in the range of J count.
 
     Raises:
         RestitutionError: E has the wrong shape or entries that are not finite.
-        InvalidCollisionError: it is no `Collision`, or is sparse and too large for this.
+        InvalidCollisionError: the argument is not a `Collision`, or is sparse and too large.
     """
     E, collision = square_matrix(restitution_matrix), checked(collision)
     if len(E) != len(collision.labels):
@@ -197,7 +200,7 @@ def energy_gain(collision: Collision, restitution_matrix: ArrayLike) -> float:
 
 
 def number(value: Any) -> float | None:
-    """Return ``value`` as a float; None for texts, truth values, complex numbers and what is no number at all."""
+    """Return ``value`` as a float; None for strings, truth values, complex numbers and values that are not numbers."""
     if isinstance(value, str | bytes | bool | np.bool_) or np.iscomplexobj(value):
         return None
     try:
@@ -207,7 +210,7 @@ def number(value: Any) -> float | None:
 
 
 def coefficient(value: object, name: str = "restitution") -> float:
-    """Return ``value`` as a number in [0, 1]; `RestitutionError` if it is none."""
+    """Return ``value`` as a number in [0, 1]; raise `RestitutionError` if it is not one."""
     e = number(value)
     if e is None:
         raise RestitutionError(f"{name} must be a number in [0, 1], got {value!r}")
@@ -217,14 +220,14 @@ def coefficient(value: object, name: str = "restitution") -> float:
 
 
 def is_semidefinite(matrix: np.ndarray, rounding: float) -> bool:
-    """Return whether a square matrix is symmetric and positive semidefinite, up to a part of its largest entry."""
+    """Return whether a matrix is symmetric and positive semidefinite, up to ``rounding`` times its largest entry."""
     allowed = rounding * np.abs(matrix).max(initial=0.0)
     symmetric = (np.abs(matrix - matrix.T) <= allowed).all()
     return bool(symmetric) and np.linalg.eigvalsh(matrix).min(initial=0.0) >= -allowed
 
 
 def square_matrix(value: Any, name: str = "restitution matrix", *, sparse: bool = False) -> Any:
-    """Return ``value`` as a read-only, finite, square array, or a CSR array if it may be sparse and is."""
+    """Return ``value`` as a read-only, finite, square array; a sparse one, if allowed, as a CSR array."""
     try:
         matrix = finite_sparse(value, name) if sparse and is_sparse(value) else finite_array(value, name)
     except InvalidCollisionError as error:

@@ -1,4 +1,4 @@
-"""Contacts that are springs for a moment: what soft contact makes of a collision, compressed to an instant."""
+"""The impact law of contact springs: the outcome of soft contact in the limit of a collision that takes no time."""
 
 from __future__ import annotations
 
@@ -16,40 +16,41 @@ from impactlaw.mechanics.arrays import finite_array
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.tolerances import SYMMETRY
 
-_STEP = 0.05  # timestep, in units of one over the largest frequency: energy is kept to 1e-9
-_CREATED = 1e-7  # relative energy created, or speed of closing that is left, which mean that steps were too long
-_LEAST = 0.01  # restitution below which unloading is too steep to be followed
+_STEP = 0.05  # time step times the largest frequency: energy is then conserved to 1e-9
+_CREATED = 1e-7  # relative energy created, or closing speed left at the end, above which the steps were too long
+_LEAST = 0.01  # restitution below which unloading is too steep to be integrated
 _MOST_CONTACTS = 512
 
 
 @dataclass(frozen=True)
 class Compliant(OfContacts, Law):
-    """Each contact is a spring, ``f_i = k_i d_i^p``; the law is what is left when all have opened again.
+    """Each contact is a spring, ``f_i = k_i d_i^p``; v+ is the velocity after all contacts have opened again.
 
     ``d' = -gamma``, ``gamma' = G f``, from ``d = 0, gamma = gamma-`` until every contact is open and separates. The
     bodies do not move meanwhile: this is the limit of ever stiffer soft contact. The outcome needs only G and
-    ``gamma-``, grows in proportion to ``gamma-``, and depends on ratios of stiffness only. Exponent 1.5 is Hertz's
-    contact of round bodies, 1 the linear spring. (MuJoCo's contacts are no such springs: each follows its own
-    ``r'' + b r' + k r = 0``, whatever the others do.)
+    ``gamma-``, is proportional to ``gamma-``, and depends on ratios of stiffness only. Exponent 1.5 is Hertz's
+    contact of round bodies, 1 the linear spring. (MuJoCo's contacts are not such springs: each follows its own
+    ``r'' + b r' + k r = 0``, independently of the others.)
 
-    With ``restitution`` below 1 a contact is softer on the way back: it opens at ``d = (1 - e^2) d_max``, and a single
-    contact returns ``e^2`` of the work (O. Walton and R. Braun, J. Rheol. 30, 1986, for p = 1).
+    With ``restitution`` e below 1 a contact pushes less while it unloads: it opens at ``d = (1 - e^2) d_max``, and a
+    single contact returns ``e^2`` of the work (O. Walton and R. Braun, J. Rheol. 30, 1986, for p = 1).
 
     Time is integrated by a symplectic splitting of order four (S. Blanes and P. Moan, J. Comput. Appl. Math. 142,
-    2002); steps end where contacts close and open. What energy that creates, about 1e-10 of all, is taken off, so that
-    v+ is in S(v-).
+    2002), with events located where contacts close and open. The integration changes the energy by a relative 1e-10 or
+    so; the impulse is scaled to undo that, so that v+ is in S(v-).
 
     Attributes:
         stiffness: ``k > 0``, N/m^p: one for all contacts, one per contact, or keyed by contact labels or
             patterns of them.
         exponent: p in [1, 4].
-        restitution: e in [0.01, 1], of each contact by itself.
+        restitution: e in [0.01, 1], the restitution of each contact by itself.
 
     Raises:
-        RestitutionError: what is to be a number is none, or out of its range; a contact has two; or stiffnesses are a
-            set, which has no order. Of a collision: no stiffness for a contact, or for another number of contacts.
-        InvalidCollisionError: more than 512 contacts collide.
-        SolverError: the contacts of a collision never come to an end.
+        RestitutionError: a value is not a number or out of range, a contact has two stiffnesses, or stiffnesses are a
+            set, which has no order. In `resolve`: a contact has no stiffness, or stiffnesses are for another number
+            of contacts.
+        InvalidCollisionError: in `resolve`, more than 512 contacts collide.
+        SolverError: in `resolve`, the collision does not come to an end.
     """
 
     name = "compliant"
@@ -75,11 +76,11 @@ class Compliant(OfContacts, Law):
 
     @classmethod
     def of(cls, restitution: Any) -> Compliant:
-        """Return the law of equal springs with the restitution that `make_law` was given, 1 if None."""
+        """Return the law of equal springs with the restitution given to `make_law`; None means 1."""
         return cls(1.0) if restitution is None else cls(1.0, restitution=restitution)
 
     def target(self, collision: Collision) -> Target:
-        """Return the contact velocities after the springs have opened, and the velocity that has them."""
+        """Return the contact velocities after the springs have opened, and the velocity v+ of the bodies."""
         gamma = collision.pre_contact_velocity
         if collision.surface_jump is not None:
             gamma = gamma + collision.surface_jump
@@ -87,7 +88,7 @@ class Compliant(OfContacts, Law):
         Y = collision.whitened_jacobian
         jump = np.asarray(Y.T.dot(impulse))
         after = gamma + Y.dot(jump)
-        after[collision.gradient_norms == 0.0] = 0.0  # where nothing can be done about what approaches
+        after[collision.gradient_norms == 0.0] = 0.0  # no impulse changes these contact velocities
         return Target(after, collision.pre_velocity + collision.metric.unwhiten(jump))
 
     def impulses(self, delassus: ArrayLike, pre_contact_velocities: ArrayLike) -> np.ndarray:
@@ -99,9 +100,9 @@ class Compliant(OfContacts, Law):
 
         Raises:
             RestitutionError: the stiffness is keyed by labels, or is for another number of contacts.
-            InvalidCollisionError: shapes do not fit, entries are no finite numbers, delassus is not symmetric and
-                positive semidefinite, or more than 512 contacts.
-            SolverError: the contacts never come to an end.
+            InvalidCollisionError: shapes do not fit, entries are not finite numbers, delassus is not symmetric and
+                positive semidefinite, or there are more than 512 contacts.
+            SolverError: a collision does not come to an end.
         """
         G = finite_array(delassus, "delassus")
         gamma = finite_array(pre_contact_velocities, "pre_contact_velocities")
@@ -116,7 +117,7 @@ class Compliant(OfContacts, Law):
         return self._impulses(G, gamma, self._stiffness(tuple(map(str, range(len(G))))))
 
     def _impulses(self, delassus: Any, gamma: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
-        """Bring lengths, masses and speeds to order one, and let the springs act."""
+        """Return the impulses, (n, h): scale lengths, masses and speeds to order one, and integrate the springs."""
         from impactlaw.mechanics.spring_contacts import spring_impulses
 
         h = gamma.shape[1]
@@ -137,7 +138,7 @@ class Compliant(OfContacts, Law):
         energy = 0.5 * np.maximum(np.einsum("ni,ni->n", y, np.linalg.lstsq(G, y.T, rcond=1e-12)[0].T), 1e-300)
         deepest = ((p + 1.0) * energy[:, None] / k) ** (1.0 / (p + 1.0))
         impulse, steps = spring_impulses(G, y, k, p, 1.0 - self.restitution**2, deepest, _STEP)
-        with np.errstate(all="ignore"):  # of what has not ended
+        with np.errstate(all="ignore"):  # collisions that have not ended may overflow
             created, work = np.einsum("ni,ni->n", impulse, y), np.einsum("ni,ij,nj->n", impulse, G, impulse)
             share = np.where(created + 0.5 * work > 0.0, -2.0 * created / work, 1.0)
             opened = y + share[:, None] * (impulse @ G) > -_CREATED

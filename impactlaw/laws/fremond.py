@@ -1,4 +1,4 @@
-"""A full restitution matrix: velocities of one contact decide what another one does."""
+"""Laws with a full restitution matrix, in which the velocity of one contact sets the target of another."""
 
 from __future__ import annotations
 
@@ -22,12 +22,13 @@ class Fremond(RestitutionLaw):
     """``gamma^h = -E gamma-`` with any matrix E, the Frémond matrix of Aeberhard and Glocker.
 
     Attributes:
-        matrix: E, shape (h, h), also sparse, for exactly h contacts in their order; or a mapping from pairs of contact
-            labels ``(i, j)`` to ``E_ij``, entries not named being zero. ``(i, i)`` with one and the same label is the
-            coefficient of each contact of that label with itself.
+        matrix: E, dense or sparse, shape (h, h), for exactly h contacts in their order; or a mapping from pairs of
+            contact labels ``(i, j)`` to ``E_ij``, in which entries that are not named are 0. The entry ``(i, i)``
+            couples each contact with that label to itself only.
 
     Raises:
-        RestitutionError: not square, not finite, a key is not a pair of contact labels, or one has two values.
+        RestitutionError: the matrix is not square or not finite, or a key is not a pair of contact labels or has two
+            values.
     """
 
     matrix: Any
@@ -36,7 +37,7 @@ class Fremond(RestitutionLaw):
 
     @classmethod
     def of(cls, restitution: Any) -> Law:
-        """Return the law; a single coefficient is no matrix."""
+        """Return the law; refuse a single coefficient, which is not a matrix."""
         if restitution is not None and not isinstance(restitution, Mapping) and np.ndim(restitution) == 0:
             raise RestitutionError("law 'fremond' needs a restitution matrix; 'reversal' takes a single coefficient")
         return super().of(restitution)
@@ -57,18 +58,18 @@ class Fremond(RestitutionLaw):
 
     @staticmethod
     def reversal(restitution: float = 1.0) -> Reversal:
-        """Return the law of Newton's cradle: ``e`` times the anti-identity along chains of contacts."""
+        """Return the law of Newton's cradle, ``e`` times the anti-identity along chains of contacts."""
         return Reversal(restitution)
 
     @property
     def contact_labels(self) -> frozenset[str]:
-        """Labels the law was keyed with, in canonical order; empty if it was not."""
+        """Labels by which the law is keyed, in canonical form; empty if it has no keys."""
         keys = self.matrix if isinstance(self.matrix, dict) else ()
         return frozenset(name for pair in keys for name in pair)
 
     @property
     def contact_count(self) -> int | None:
-        """Number of contacts that the law is for; None if for any."""
+        """Number of contacts that the law fits; None if it fits any number."""
         return None if isinstance(self.matrix, dict) else self.matrix.shape[0]
 
     def restitution_matrix(self, collision: Collision) -> Any:
@@ -94,10 +95,10 @@ class Fremond(RestitutionLaw):
 class Reversal(RestitutionLaw):
     """``e`` times the anti-identity along chains of contacts: a chain of equal balls passes its velocities on.
 
-    For N equal balls on a line and any number launched, v+ is v- reversed (e = 1): Newton's cradle. Contacts that
-    do not influence each other (separate blocks of the Delassus matrix) are reversed block by block. The contacts of a
-    block may come in any order if they are a chain, of which each influences its neighbours alone; those of other
-    blocks are reversed in the order in which they come.
+    For N equal balls on a line, any number of them launched, v+ is v- in reverse order (e = 1): Newton's cradle.
+    Contacts that do not influence each other (separate blocks of the Delassus matrix) are reversed block by block. If a
+    block is a chain, in which each contact influences its neighbours only, its contacts may be listed in any order;
+    other blocks are reversed in the order in which their contacts are listed.
 
     Attributes:
         restitution: e in [0, 1].
@@ -120,12 +121,12 @@ class Reversal(RestitutionLaw):
         return E if is_sparse(collision.jacobian) else E.toarray()
 
     def target(self, collision: Collision) -> Target:
-        """Return ``gamma^h_i = -e gamma-_j``, j the mirror image of i in its block."""
+        """Return ``gamma^h_i = -e gamma-_j``, with j the mirror image of i in its block."""
         return Target(-self.restitution * collision.pre_contact_velocity[_mirror(collision)])
 
 
 def _mirror(collision: Collision) -> np.ndarray:
-    """Return for each contact the one that is as far from the other end of its block, (h,)."""
+    """Return for each contact the index of its mirror image in its block, (h,)."""
     G, scale = collision.delassus, collision.gradient_norms
     if (np.abs(G.diagonal(1)) > INFLUENCE * scale[1:] * scale[:-1]).all():  # one block, in order
         return np.arange(len(scale))[::-1]
@@ -141,7 +142,7 @@ def _mirror(collision: Collision) -> np.ndarray:
 
 
 def _along_chains(graph: Any, count: int, member: np.ndarray) -> np.ndarray:
-    """Return numbers by which contacts of a block are in order: along it if it is a chain, else as they come, (h,)."""
+    """Return keys that sort the contacts of each block: along the chain if it is one, else as listed, (h,)."""
     along, degree = np.arange(len(member)), np.diff(graph.indptr)
     ends = degree == 1
     chains = (np.bincount(member[ends], minlength=count) == 2) & (np.bincount(member[degree > 2], minlength=count) == 0)

@@ -1,4 +1,4 @@
-"""A law given by a linear map of velocities instead of contact velocities."""
+"""A law given by a linear map of the generalized velocity instead of contact velocities."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from impactlaw.mechanics.collision import Collision
 
 @dataclass(frozen=True, eq=False)
 class LinearMap(Law):
-    """``v+ = prox(h v-)``: of what pushing contacts can reach the velocity nearest to ``h v-`` in the kinetic metric.
+    """``v+ = prox(h v-)``: the velocity nearest to ``h v-``, in the kinetic metric, that pushing contacts can reach.
 
     That is ``min |v+ - h v-|`` over ``v+ = v- + M^-1 J^T Lambda``, ``Lambda >= 0``, the set ``v- - T_C^perp`` of
-    Aeberhard and Glocker, "Perfect multi-contact collisions" (``sigma_l(v-, h)``). It has ``gamma^h = J h v-``, in m/s,
-    and always a solution.
+    Aeberhard and Glocker, "Perfect multi-contact collisions" (``sigma_l(v-, h)``). Its target is ``gamma^h = J h v-``,
+    in m/s, and it always has a solution.
 
     Attributes:
         h: the linear map, shape (nv, nv).
@@ -33,7 +33,10 @@ class LinearMap(Law):
         object.__setattr__(self, "h", square_matrix(self.h, "linear map"))
 
     def target(self, collision: Collision) -> Target:
-        """Return ``gamma^h = J h v-``, the contact velocities of ``u = h v-``; ``+ w+`` where surfaces move."""
+        """Return ``gamma^h = J u``, plus ``w+`` where surfaces move, and ``u = h v-``.
+
+        Bilateral constraints keep their velocity: u is projected so that ``J_eq u = J_eq v-``.
+        """
         h, v, metric = np.asarray(self.h), collision.pre_velocity, collision.metric
         if len(h) != len(v):
             raise RestitutionError(f"linear map is {h.shape} but the velocity has {len(v)} entries")

@@ -23,7 +23,7 @@ class MaximalDissipation(RestitutionLaw):
 
     @classmethod
     def of(cls, restitution: Any) -> MaximalDissipation:
-        """Return the law; the only restitution that it can be given is 0."""
+        """Return the law; the only restitution that it accepts is 0."""
         if restitution is not None and (getattr(restitution, "ndim", 0) or restitution != 0):
             raise RestitutionError(f"law {cls.name!r} has restitution 0, got {restitution!r}; leave it out")
         return cls()

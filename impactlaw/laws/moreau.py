@@ -11,7 +11,8 @@ from impactlaw.laws.base import RestitutionLaw, coefficient
 class Moreau(RestitutionLaw):
     """``E = e 1``: ``v+ = (1 + e) p - e v-`` with p the point of maximal dissipation.
 
-    e in [0, 1] goes along the Moreau half-line (Aeberhard and Glocker, "Perfect multi-contact collisions").
+    As e goes from 0 to 1, v+ moves along the Moreau half-line (Aeberhard and Glocker, "Perfect multi-contact
+    collisions").
 
     Attributes:
         restitution: e in [0, 1].

@@ -15,9 +15,9 @@ from impactlaw.mechanics.collision import Collision
 class Newton(ContactCoefficients, RestitutionLaw):
     """``E = diag(e_1 .. e_h)``: ``gamma+_i >= -e_i gamma-_i``, with equality where a contact carries an impulse.
 
-    The diagonal case of the extended Newton impact law (Aeberhard and Glocker, "Perfect multi-contact collisions").
-    Never has distant effects when every contact closes (``gamma- <= 0``). The coefficients are numbers or functions
-    of the speed at which a contact closes, see `ContactCoefficients`.
+    This is the diagonal case of the extended Newton impact law (Aeberhard and Glocker, "Perfect multi-contact
+    collisions"). It has no distant effects when every contact closes (``gamma- <= 0``). The coefficients are numbers or
+    functions of the speed at which a contact closes, see `ContactCoefficients`.
     """
 
     name = "newton"
@@ -26,7 +26,7 @@ class Newton(ContactCoefficients, RestitutionLaw):
 
     @property
     def common_coefficient(self) -> float | None:
-        """The coefficient, if one number is for every contact."""
+        """The coefficient, if every contact has the same number; else None."""
         return self.restitution if isinstance(self.restitution, float) else None
 
     def restitution_matrix(self, collision: Collision) -> np.ndarray:
@@ -34,7 +34,7 @@ class Newton(ContactCoefficients, RestitutionLaw):
         return np.diag(self.coefficients(collision))
 
     def target(self, collision: Collision) -> Target:
-        """Return ``gamma^h_i = -e_i gamma-_i``; equal coefficients also give the velocity ``-e v-``."""
+        """Return ``gamma^h_i = -e_i gamma-_i``, and the coefficient if all are equal."""
         e = self.coefficients(collision)
         values = set(e.tolist())
         return Target(-e * collision.pre_contact_velocity, coefficient=values.pop() if len(values) == 1 else None)

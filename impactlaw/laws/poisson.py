@@ -1,4 +1,4 @@
-"""Poisson's law: the coefficients act on impulses, after a phase of compression."""
+"""Poisson's law, whose coefficients multiply the impulses of a compression phase."""
 
 from __future__ import annotations
 
@@ -20,33 +20,34 @@ from impactlaw.solvers.problem import row_lengths
 from impactlaw.solvers.tolerances import CERTIFIED, GOOD
 
 _REFINEMENTS = 3
-_RANKS = (1e-13, 1e-11, 1e-9)  # singular values, relative to the largest, that are tried as those of rounding
+_RANKS = (1e-13, 1e-11, 1e-9)  # cutoffs for singular values, relative to the largest, tried one after another
 
 
 @dataclass(frozen=True, repr=False)
 class Poisson(ContactCoefficients, Law):
-    """Compression to E = 0 by ``Lambda_C``, then expansion, in which contact i gets back at least ``e_i Lambda_Ci``.
+    """Compression by ``Lambda_C``, the impulse of E = 0, then expansion by at least ``e_i Lambda_Ci`` at contact i.
 
     ``0 <= Lambda_C  ⊥  gamma_C >= 0`` and ``0 <= Lambda - (1 + e) Lambda_C  ⊥  gamma+ >= 0``, with
-    ``v+ = v- + M^-1 J^T Lambda``: a contact gets more than its share where it would be penetrated otherwise
-    (F. Pfeiffer and Ch. Glocker, *Multibody Dynamics with Unilateral Contacts*, Wiley 1996, ch. 8, without friction).
+    ``v+ = v- + M^-1 J^T Lambda``: a contact gets more than ``(1 + e_i) Lambda_Ci`` only where it would be penetrated
+    otherwise (F. Pfeiffer and Ch. Glocker, *Multibody Dynamics with Unilateral Contacts*, Wiley 1996, ch. 8, without
+    friction).
 
-    v+ is in S(v-) for all coefficients in [0, 1]: it is the least ``|v- + M^-1 J^T Lambda|`` over
-    ``Lambda >= (1 + e) Lambda_C``, and ``2 Lambda_C``, one of these, leads to ``|v-|``. Equal ones give Moreau's
-    outcome where that does not penetrate; different ones can have distant effects. Where contacts are redundant
-    ``Lambda_C`` is the one of least norm. A surface whose velocity jumps does so before compression: the impact's
-    collision has w+ from the start. For the coefficients see `ContactCoefficients`.
+    v+ is in S(v-) for all coefficients in [0, 1]: its ``|v- + M^-1 J^T Lambda|`` is the least over all
+    ``Lambda >= (1 + e) Lambda_C``, and ``Lambda = 2 Lambda_C`` is one of these and gives ``|v-|``. Equal coefficients
+    give Moreau's outcome where that does not penetrate; different coefficients can have distant effects. Where contacts
+    are redundant, ``Lambda_C`` is the one of least norm. A surface whose velocity jumps does so before compression: the
+    impact's collision has w+ from the start. For the coefficients see `ContactCoefficients`.
     """
 
     name = "poisson"
     description = "compression, then e_i times its impulse for contact i: coefficients as newton's"
 
     def target(self, collision: Collision) -> Target:
-        """Return ``gamma^h = 0``, where contacts end that get more than ``(1 + e_i) Lambda_Ci``."""
+        """Return ``gamma^h = 0``, the velocity after impact of contacts that get more than ``(1 + e_i) Lambda_Ci``."""
         return MaximalDissipation().target(collision)
 
     def resolve(self, collision: Collision, *, solver: str = "auto") -> Impact:
-        """Return the impact, see `Law.resolve`; `Impact.compression` is its first phase. The solver is that of both.
+        """Return the impact, see `Law.resolve`; `Impact.compression` is its first phase. ``solver`` is used for both.
 
         Raises:
             UnsolvableLawError: surfaces that move against each other leave no velocity without penetration.
@@ -76,7 +77,7 @@ class Poisson(ContactCoefficients, Law):
 
 
 def _expansion(start: Problem, kick: np.ndarray) -> Problem:
-    """Return the problem of the jump that is left after the kick that the least impulses give, (nv,)."""
+    """Return the problem of the jump that remains after ``kick``, (nv,), the jump by the least impulses."""
     bound = start.bound - start.gradients @ kick
     rounding = KICK_ROUNDING * start.norms * (start.speed + np.linalg.norm(kick))
     bound = np.where(bound <= rounding, np.minimum(bound, 0.0), bound)
@@ -85,7 +86,7 @@ def _expansion(start: Problem, kick: np.ndarray) -> Problem:
 
 
 def _error(impact: Impact) -> float:
-    """Return the residual, or the part of ``|v-|`` by which ``|v+|`` exceeds it, if that is larger."""
+    """Return the larger of the residual and the relative excess of ``|v+|`` over ``|v-|``."""
     c = impact.collision
     z = c.relative_velocity + impact.whitened_jump
     if c.pre_speed > 0 and z @ z > (1.0 + GOOD) * c.pre_speed**2:
@@ -94,10 +95,11 @@ def _error(impact: Impact) -> float:
 
 
 def _refined(start: Problem, jump: np.ndarray, more: np.ndarray, rank: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the jump without the rounding of impulses that nearly cancel, and the impulses beyond the least, (h,).
+    """Return the jump, cleared of the rounding of impulses that nearly cancel, and the impulses beyond the least, (h,).
 
-    Contacts that get more than their least end at 0; the others must not be penetrated for that, or join them. Slack in
-    the problem of the compression is the contact velocity; rank is the relative singular value that is rounding.
+    Contacts with more than the least impulse end at velocity 0. If that makes another contact penetrate, it gets an
+    impulse too, and the refinement is repeated. The slack of the compression's problem is the contact velocity;
+    singular values below ``rank``, relative to the largest, are treated as rounding.
     """
     labels = ("",) * len(more)
     for _ in range(_REFINEMENTS):

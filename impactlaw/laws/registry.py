@@ -1,4 +1,4 @@
-"""Laws by name, for gym.make, the command line and sweeps."""
+"""The table of laws by name, for gym.make, the command line and sweeps."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from impactlaw.laws.restitution.portable import restored
 REGISTERED: tuple[type[Law], ...] = (
     MaximalDissipation, Moreau, Newton, Poisson, Fremond, Reversal, Routh, Compliant, AnyOutcome,
 )  # fmt: skip
-"""A new law is one file, with its name and description on the class, and its class here."""
+"""The laws that have a name. To add one, write its class, with name and description, in a new file and list it here."""
 
 LAWS: dict[str, Callable[[Any], Law]] = {law.name: law.of for law in REGISTERED}
-"""Functions from a restitution to a law, by the name of the law."""
+"""For each name the function that makes the law from a restitution."""
 
 DESCRIPTIONS: dict[str, str] = {law.name: law.description for law in REGISTERED}
 """One line per law."""
@@ -36,15 +36,15 @@ def make_law(name: str | Path | Law | Mapping, restitution: Any = None) -> Law:
 
     Args:
         name: "maximal-dissipation", "moreau", "newton", "poisson", "fremond", "reversal", "routh", "compliant" or
-            "any-outcome"; a `Law` is returned as is, and made again from what `portable` has written down, or from a
-            file of that, ``law.json``, as `impactlaw identify` writes it.
-        restitution: what the law takes: a coefficient (moreau, reversal, compliant), one or several or keyed ones,
-            numbers or functions of speed (newton, poisson, routh), a matrix or a keyed one (fremond), nothing
-            (maximal-dissipation, any-outcome).
+            "any-outcome"; or a `Law`, which is returned unchanged; or a mapping made by `portable`, or the path of a
+            ``.json`` file with one, such as the ``law.json`` of `impactlaw identify`.
+        restitution: the restitution of the law: one coefficient (moreau, reversal, compliant); one coefficient, several
+            or keyed ones, each a number or a function of speed (newton, poisson, routh); a matrix, plain or keyed
+            (fremond); None (maximal-dissipation, any-outcome).
 
     Raises:
-        UnknownNameError: no such law; the message names the nearest ones.
-        RestitutionError: the restitution is missing, superfluous or not in range; or a file is not one of a law.
+        UnknownNameError: no law has this name; the message suggests the nearest ones.
+        RestitutionError: the restitution is missing, superfluous or out of range; or the file does not hold a law.
     """
     if isinstance(name, Path) or (isinstance(name, str) and name.endswith(".json")):
         name = _read(Path(name))
@@ -64,7 +64,7 @@ def make_law(name: str | Path | Law | Mapping, restitution: Any = None) -> Law:
 
 
 def takes_restitution(law: str | Law | Mapping) -> bool:
-    """Return whether a restitution goes with a law: not with a `Law`, which has its own, and not with some names."""
+    """Return whether a law takes a restitution: a `Law`, which has its own, does not, and neither do some names."""
     if isinstance(restored(law), Law):
         return False
     if not isinstance(law, str) or law not in LAWS:
@@ -73,7 +73,7 @@ def takes_restitution(law: str | Law | Mapping) -> bool:
 
 
 def _read(path: Path) -> Law:
-    """Return the law that a file holds."""
+    """Read a law from a JSON file."""
     try:
         value = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:

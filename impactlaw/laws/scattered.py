@@ -21,18 +21,20 @@ _ROUNDING = 1e-12  # part of the largest variance, or singular value of the grad
 class Scattered(DrawnLaw):
     """``v+ = prox_S(v_law + |v-| delta)``: the law's outcome, moved at random and projected onto S(v-).
 
-    The contact velocities of ``delta`` are ``G^1/2 xi`` with xi normal of mean 0 and the given covariance, so that
-    ``|delta| = |xi|`` in the kinetic metric: the covariance of relative errors, as `identification.fit` reports them.
+    The contact velocities of ``delta`` are ``G^1/2 xi``, where xi is normally distributed with mean 0 and the given
+    covariance, so that ``|delta| = |xi|`` in the kinetic metric. This is the covariance of relative errors that
+    `identification.fit` reports.
 
-    `sample` draws many outcomes; that of `resolve` belongs to the collision and the seed, see `DrawnLaw`. Where there
-    is no S(v-), as between surfaces that move against each other or whose velocity jumps, nothing is scattered.
+    `sample` draws many outcomes. The outcome of `resolve` is determined by the collision and the seed, see `DrawnLaw`.
+    Where S(v-) does not exist, as for surfaces that move against each other or whose velocity jumps, the outcome is
+    that of the law, without scatter.
 
     Attributes:
-        law: the law in the middle.
-        covariance: of xi: a variance that all contacts have, or a matrix, shape (h, h).
+        law: the law around whose outcome v+ is drawn.
+        covariance: the covariance of xi: one variance for all contacts, or a matrix, shape (h, h).
 
     Raises:
-        RestitutionError: not a law without friction, not a covariance, or not a seed.
+        RestitutionError: ``law`` is not a law without friction, or the covariance or the seed is not valid.
     """
 
     law: Law
@@ -57,22 +59,22 @@ class Scattered(DrawnLaw):
         object.__setattr__(self, "covariance", covariance)
 
     def seeded(self, seed: int) -> Scattered:
-        """Return the law with this seed, and so the law in the middle, if they have none of their own."""
+        """Return the law with this seed, also in the inner law, wherever no seed is set."""
         own, inner = super().seeded(seed), self.law.seeded(seed)
         return own if inner is self.law else replace(own, law=inner)
 
     @property
     def contact_labels(self) -> frozenset[str]:
-        """Labels that the law in the middle is keyed with."""
+        """Labels by which the inner law is keyed."""
         return self.law.contact_labels
 
     @property
     def contact_count(self) -> int | None:
-        """Number of contacts that the covariance, or else the law in the middle, is for; None if for any."""
+        """Number of contacts that the covariance, or else the inner law, fits; None if any number."""
         return len(np.asarray(self.covariance)) if np.ndim(self.covariance) else self.law.contact_count
 
     def target(self, collision: Collision) -> Target:
-        """Return the contact velocities of the sample that belongs to this collision."""
+        """Return the sample that belongs to this collision, and its contact velocities."""
         v = self.sample(collision, 1, self.generator(collision))[0]
         return Target(collision.contact_velocity_after(v), v)
 
@@ -81,7 +83,8 @@ class Scattered(DrawnLaw):
 
         Raises:
             RestitutionError: the covariance or the law is for another number of contacts.
-            InvalidCollisionError: it is no `Collision`, or n and rng are not those of `AdmissibleSet.sample`.
+            InvalidCollisionError: the argument is not a `Collision`, or n or rng is not valid, see
+                `AdmissibleSet.sample`.
         """
         check_number(n)
         generator = generator_of(rng)

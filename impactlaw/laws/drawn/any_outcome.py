@@ -1,4 +1,4 @@
-"""A law that is any law: outcomes drawn from the set of possible right-velocities."""
+"""A law without preference: outcomes drawn uniformly from the set of possible right-velocities."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from impactlaw.laws.poisson import Poisson
 from impactlaw.mechanics.admissible.cone import EnumerationError
 from impactlaw.mechanics.collision import Collision
 
-_MOST_CONTACTS = 16  # at once, whose S is sampled uniformly: chains take time like the cube of that
+_MOST_CONTACTS = 16  # most contacts whose S is sampled: the time of hit-and-run grows with the cube of their number
 
 
 @dataclass(frozen=True)
 class AnyOutcome(DrawnLaw):
     """v+ is drawn from S(v-), uniformly in its volume: `AdmissibleSet.sample`.
 
-    One contact by itself has ``gamma+ = -e gamma-`` with e uniform in [0, 1]. The seed is that of `DrawnLaw`.
-    `Scattered` draws around a law instead. Friction is left out when v+ is drawn, as with it there is no S;
-    ``Coulomb(AnyOutcome())``, which rigid steppers make by themselves, adds it to the contact velocities drawn.
+    A single contact gets ``gamma+ = -e gamma-`` with e uniform in [0, 1]. For the seed see `DrawnLaw`. `Scattered`
+    draws around the outcome of a law instead. v+ is drawn without friction, since S is defined only without it;
+    ``Coulomb(AnyOutcome())``, which rigid steppers make by themselves, adds friction to the contact velocities drawn.
 
-    Where more than 16 contacts collide, where faces of S are too many to be listed (`cone.MAX_FACETS`) or lost to
-    rounding, and where surfaces move against each other, the outcome is that of Poisson's law with a coefficient for
-    each contact, uniform in [0, 1]. That is in S, but not every point of S is one of these.
+    In three cases the outcome is that of Poisson's law with a random coefficient, uniform in [0, 1], for each contact:
+    more than 16 contacts collide; the faces of S are too many to list (`cone.MAX_FACETS`) or lost to rounding; or
+    surfaces move against each other. Such an outcome is in S, but these outcomes do not fill S.
     """
 
     seed: int | None = field(default=None, kw_only=True)
@@ -34,7 +34,7 @@ class AnyOutcome(DrawnLaw):
     takes_restitution = False
 
     def target(self, collision: Collision) -> Target:
-        """Return the contact velocities of the outcome that belongs to this collision, and the outcome."""
+        """Return the outcome that belongs to this collision, and its contact velocities."""
         c, rng = collision, self.generator(collision)
         if len(c.labels) == 1 and c.frame_rates is None:
             e = rng.random()

@@ -1,4 +1,4 @@
-"""Laws that draw their outcomes: from a seed and the collision itself, so that a run repeats."""
+"""The base of laws with random outcomes, drawn from a seed and the collision itself so that runs can be repeated."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from impactlaw.mechanics.collision import Collision
 
 
 class DrawnLaw(Law):
-    """A law that draws each outcome from its seed and the collision's own numbers.
+    """A law whose random outcomes are determined by its seed and the numbers of the collision.
 
-    The same collision has the same outcome, in every process, and a run can be repeated. Laws declare the seed as their
-    last field: a field of this class would come before theirs.
+    The same collision has the same outcome in every process, so that a run can be repeated. Subclasses declare the seed
+    as their last field: as a field of this class it would precede theirs.
 
     Attributes:
-        seed: 0 or more. None is 0, but environments then draw another one for each episode.
+        seed: a whole number, 0 or more. None acts as 0, but environments then draw a new seed for each episode.
 
     Raises:
-        RestitutionError: the seed is no whole number of 0 or more.
+        RestitutionError: the seed is not a whole number of at least 0.
     """
 
     seed: int | None
@@ -42,12 +42,12 @@ class DrawnLaw(Law):
         object.__setattr__(self, "seed", seed)
 
     def seeded(self, seed: int) -> Self:
-        """Return the law with this seed, if it has none of its own."""
+        """Return the law with this seed, or the law itself if it has a seed already."""
         return replace(self, seed=seed) if self.seed is None else self
 
     def generator(self, collision: Collision) -> np.random.Generator:
-        """Return the generator that belongs to a collision: J, v- and the law's seed are its seed."""
+        """Return the random generator of a collision, seeded with J, v- and the seed of the law."""
         J: Any = collision.jacobian
-        known = collision.pre_velocity + 0.0, (J.toarray() if is_sparse(J) else J) + 0.0  # of which no zero has a sign
+        known = collision.pre_velocity + 0.0, (J.toarray() if is_sparse(J) else J) + 0.0  # + 0.0 turns -0.0 into 0.0
         digest = hashlib.sha256(b"".join(part.tobytes() for part in known)).digest()
         return np.random.default_rng([self.seed or 0, int.from_bytes(digest[:8], "little")])

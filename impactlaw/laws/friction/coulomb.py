@@ -1,4 +1,4 @@
-"""Coulomb friction beside any law with a target."""
+"""Coulomb friction added to any law with a target."""
 
 from __future__ import annotations
 
@@ -24,31 +24,31 @@ from impactlaw.solvers.friction.solve import Effort, shared
 
 @dataclass(frozen=True)
 class Coulomb(Law):
-    """The normal law of ``law``, and Coulomb friction with restitution along the tangents.
+    """A law for the normal directions, with Coulomb friction and tangential restitution.
 
-    With ``u_n = gamma+ - gamma^h`` and ``u_t = gamma_t+ + e_t gamma_t-`` each contact has
-    ``0 <= Lambda_n  ⊥  u_n >= 0``, ``sum (Lambda_t / mu)^2 <= Lambda_n^2``, and friction opposes ``u_t`` with all it
-    can: exact Coulomb friction, ``K ∋ Lambda  ⊥  u + |mu u_t| e_n ∈ K`` (G. de Saxcé and Z.-Q. Feng, Math. Comput.
-    Model. 28, 1998). The relaxation ``K ∋ Lambda  ⊥  u ∈ K`` (M. Anitescu, Math. Program. 105, 2006) is convex; in it a
-    contact that slides also separates.
+    With ``u_n = gamma+ - gamma^h`` and ``u_t = gamma_t+ + e_t gamma_t-`` each contact satisfies
+    ``0 <= Lambda_n  ⊥  u_n >= 0`` and ``sum (Lambda_t / mu)^2 <= Lambda_n^2``, and friction dissipates as much as it
+    can against ``u_t``. This is exact Coulomb friction, ``K ∋ Lambda  ⊥  u + |mu u_t| e_n ∈ K`` (G. de Saxcé and Z.-Q.
+    Feng, Math. Comput. Model. 28, 1998). The relaxation ``K ∋ Lambda  ⊥  u ∈ K`` (M. Anitescu, Math. Program. 105,
+    2006) is convex; in it a contact that slides also separates.
 
     Restitution and friction together can create energy (T. R. Kane, *A dynamics puzzle*, 1984). If they do, all
-    restitution is scaled: the positive part of ``gamma^h`` and ``e_t`` are multiplied by the largest s in [0, 1], found
-    by a bracketed search, with which no energy is created, ``Lambda^T gamma_bar + Lambda_t^T gamma_bar_t <= 0``, with
-    surfaces whose velocity jumps at w+ from the start. s = 0 never creates any; so the law is dissipative.
-    Contacts that do not influence each other, neither through bodies nor through a matrix of the law, are judged and
-    scaled by themselves, group by group. `FrictionImpact.restitution_scale` is the least s used; it is below 1 also
+    restitution is scaled: the positive part of ``gamma^h`` and ``e_t`` are multiplied by the largest s in [0, 1] that
+    creates no energy, found by a bracketed search. The criterion is ``Lambda^T gamma_bar + Lambda_t^T gamma_bar_t <=
+    0``, in which surfaces whose velocity jumps have w+ from the start. s = 0 never creates energy, so the law is
+    dissipative. Groups of contacts that do not influence each other, neither through bodies nor through a matrix of the
+    law, are checked and scaled separately. `FrictionImpact.restitution_scale` is the least s used; it is below 1 also
     where no impulse in the friction cones reaches the law's full restitution.
 
-    Without rows of friction the outcome is that of ``law``. A contact that no normal impulse moves, as it meets the
-    axis of a hinge, has no friction: any normal impulse would do, and any friction with it. Large coefficients of
-    friction may leave several solutions; the same collision always gets the same one.
+    Without rows of friction the outcome is that of ``law``. A contact that no normal impulse can move, such as one
+    whose normal meets the axis of a hinge, gets no friction: its normal impulse would be arbitrary, and its friction
+    with it. Large coefficients of friction may leave several solutions; the same collision always gets the same one.
 
-    Around `Poisson` it is compression and expansion, each with friction (`poisson_phases`). There s scales
-    the coefficients of restitution, and e_t must be 0.
+    With `Poisson` as the inner law, compression and expansion each have friction (`poisson_phases`). s then scales the
+    coefficients of restitution, and e_t must be 0.
 
     Attributes:
-        law: what decides ``gamma^h``, or Poisson's law; another one with a rule of its own for impulses is refused.
+        law: the law that gives ``gamma^h``, or Poisson's law; other laws with their own rule for impulses are refused.
         tangential_restitution: e_t in [0, 1].
         cone: "exact" or "convex".
 
@@ -86,7 +86,7 @@ class Coulomb(Law):
         return self.law
 
     def seeded(self, seed: int) -> Coulomb:
-        """Return the law with this seed in the inner law, if that draws its outcomes and has none."""
+        """Return the law with this seed set in the inner law, if that draws its outcomes and has no seed."""
         inner = self.law.seeded(seed)
         return self if inner is self.law else replace(self, law=inner)
 
@@ -95,16 +95,16 @@ class Coulomb(Law):
         return aim(self.law, collision)
 
     def resolve(self, collision: Collision, *, solver: str = "auto", effort: Effort | None = None) -> Impact:
-        """Return the impact, see `Law.resolve`: a `FrictionImpact` where the collision has friction.
+        """Return the impact, see `Law.resolve`; it is a `FrictionImpact` if the collision has friction.
 
-        The solver is that of collisions without friction. An effort limits the work, as in the steps of a simulation;
-        without it no effort is spared.
+        ``solver`` is used for collisions without friction. ``effort`` limits the work, as the steps of a simulation
+        do; without it the work is not limited.
 
         Raises:
-            UnknownNameError: no such solver.
-            UnsolvableLawError: surfaces move against each other so that no velocity is left.
-            SolverError: no answer passed its certificate, or coefficients of friction, of some 1e7 or more, hide gap
-                velocities.
+            UnknownNameError: there is no such solver.
+            UnsolvableLawError: surfaces move against each other so that no velocity is possible.
+            SolverError: no answer passed its certificate, or coefficients of friction, of some 1e7 or more, are so
+                large that gap velocities are lost in their rounding.
         """
         check_solver(solver)
         collision = checked(collision).without_idle_friction
@@ -121,7 +121,7 @@ class Coulomb(Law):
 
 
 def _checked(impact: FrictionImpact) -> FrictionImpact:
-    """Return the impact; refuse one whose gap velocities are lost in the rounding of large coefficients of friction."""
+    """Return the impact; refuse it if gap velocities are lost in the rounding of large coefficients of friction."""
     c, target = impact.collision, impact.target_contact_velocity
     slack = impact.post_contact_velocity if target is None else impact.post_contact_velocity - target
     lost = slack < -LOST * max(c.pre_speed, impact.intensity) * c.gradient_norms
@@ -133,18 +133,18 @@ def _checked(impact: FrictionImpact) -> FrictionImpact:
 
 @dataclass(eq=False)
 class _Aimed(Attempt):
-    """Contact velocities that a law aims at, `wanted`, and ``-e gamma_t-`` along the tangents.
+    """An attempt to reach the contact velocities `wanted` by a law, and ``-e gamma_t-`` along the tangents.
 
     Attributes:
         e: tangential restitution.
-        shares: whether contacts share impulses even if these are unique, as parts of more contacts do.
+        shares: whether contacts share impulses even if these are unique: so do parts of redundant contacts.
     """
 
     e: float = field(kw_only=True)
     shares: bool = field(default=False, kw_only=True)
 
     def part(self, contacts: np.ndarray, collision: Collision | None = None) -> Attempt:
-        """Return the attempt for some contacts alone, ascending, with the targets that they have among all."""
+        """Return the attempt for some contacts alone, indices ascending, with their targets in the whole collision."""
         return replace(super().part(contacts, collision), shares=self.problem is not None and self.problem.is_redundant)
 
     def scales(self, contacts: np.ndarray | slice = slice(None)) -> bool:
@@ -152,7 +152,7 @@ class _Aimed(Attempt):
         return self.e > 0.0 or super().scales(contacts)
 
     def outcome(self, s: float, near: ConeAnswer | None = None) -> Outcome:
-        """Return what follows where positive targets are s times as large."""
+        """Return the outcome with positive targets multiplied by s."""
         c = self.collision
         targets = np.where(self.wanted > 0, s * self.wanted, self.wanted), -s * self.e * c.pre_sliding_velocity
         problem = self.problem = cone_problem(c, *targets, exact=self.exact, known=self.problem)

@@ -1,4 +1,4 @@
-"""Contacts that influence each other, group by group: restitution that creates energy is scaled in its own group."""
+"""Groups of contacts that influence each other: restitution that creates energy is scaled in its own group only."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from impactlaw.mechanics.kinetic_metric import KineticMetric
 from impactlaw.solvers.friction.problem import ConeProblem
 from impactlaw.solvers.sparsity import components
 
-_FEW = 8  # contacts up to which it is not worth a look which of them share degrees of freedom
+_FEW = 8  # contacts up to which splitting by degrees of freedom does not pay
 
 
 def apart(collision: Collision, law: Law) -> list[tuple[np.ndarray, Collision]]:
-    """Return contacts of bodies that share no degree of freedom with the others, ascending, and their collision alone.
+    """Split a collision where contacts share no degrees of freedom; return contacts, ascending, and collision of each.
 
-    That has these degrees of freedom only: what many bodies cost then grows with their number, not with its cube. There
-    are none if all share some, if contacts are few, or if the law of the normal impulses ties them.
+    Each part has its own degrees of freedom only, so that the cost grows with the number of bodies and not with its
+    cube. The list is empty if all contacts are connected, if they are few, or if the normal law couples contacts.
     """
     h, nv = collision.jacobian.shape
     if h <= _FEW or ties_of(law, collision) is not None:
@@ -59,16 +59,16 @@ def apart(collision: Collision, law: Law) -> list[tuple[np.ndarray, Collision]]:
 
 
 def groups_of(problem: ConeProblem, ties: np.ndarray | None) -> list[np.ndarray]:
-    """Return the contacts that influence each other, by an impulse or by `ties_of` a law, group by group, ascending."""
+    """Return the groups of contacts coupled by impulses or by `ties_of` a law, each as ascending indices."""
     h, m = problem.shape
     coupled = np.count_nonzero((np.abs(problem.delassus) > INFLUENCE).reshape(h, m, h, m), axis=(1, 3)) > 0
     return components(coupled if ties is None else coupled | ties)
 
 
 def ties_of(law: Law, collision: Collision) -> np.ndarray | None:
-    """Return whether the target of a contact depends on the velocity of another, bool (h, h): all may if unknown.
+    """Return which targets depend on the velocity of which contacts, bool (h, h); all True for a law not known here.
 
-    None if none does, or only of those that influence each other anyway.
+    None means that targets depend at most on contacts that influence each other through impulses anyway.
     """
     law = law.normal_law
     if law.common_coefficient is not None or isinstance(law, ContactCoefficients | Compliant):
@@ -80,9 +80,10 @@ def ties_of(law: Law, collision: Collision) -> np.ndarray | None:
 
 
 def joined(collision: Collision, parts: Sequence[tuple[np.ndarray, FrictionImpact]]) -> FrictionImpact:
-    """Return the impact of groups of contacts that do not influence each other.
+    """Return the impact put together from those of groups of contacts that do not influence each other.
 
-    A part is the contacts of a group, ascending, and their impact: alone, see `Collision.part`, or with all others.
+    Each part is the contacts of a group, ascending, and an impact: that of these contacts alone, see `Collision.part`,
+    or that of the whole collision.
     """
     friction, h = collision.friction, len(collision.labels)
     assert friction is not None

@@ -1,4 +1,4 @@
-"""Poisson's law with Coulomb friction: compression, then expansion, each with friction of its own."""
+"""Poisson's law with Coulomb friction: a compression phase and an expansion phase, each with friction."""
 
 from __future__ import annotations
 
@@ -14,34 +14,35 @@ from impactlaw.solvers.friction.problem import ConeAnswer, ConeProblem
 from impactlaw.solvers.friction.solve import shared
 from impactlaw.solvers.tolerances import CERTIFIED
 
-_STIFF = 10.0  # length of a known share's row under the relaxation, so that few moves of its offset will do
-_SHIFTS = 60  # moves of it
-_SHARED = 1e-12  # of the largest share: what a share may be off
-_BITS = 40  # of the numbers that are solved with: what units change by rounding is below the last one
+_STIFF = 10.0  # relative length of the row of a known share under the relaxation: with it few shifts of offsets suffice
+_SHIFTS = 60  # most shifts of these offsets
+_SHARED = 1e-12  # allowed error of a share, relative to the largest share
+_BITS = 40  # bits kept of the numbers of the problem, so that a change of units does not change them
 
 
 @dataclass(eq=False)
 class TwoPhases(Attempt):
     """Compression and expansion of a collision with friction (Pfeiffer and Glocker, 1996, ch. 8).
 
-    Compression leads to ``gamma_C >= 0`` by impulses in the friction cones, as a law with E = 0. Expansion starts
-    there. Contact i gets ``s e_i Lambda_Ci`` and what it needs so as not to be penetrated,
+    Compression leads to ``gamma_C >= 0`` by impulses in the friction cones, like a law with E = 0. Expansion starts
+    from there. Contact i gets ``s e_i Lambda_Ci``, and more if it would be penetrated otherwise,
 
         0 <= Lambda_E - s e Lambda_C  ⊥  gamma_E >= 0,   |Lambda_Et / mu| <= Lambda_E,
 
-    and friction opposes ``gamma_Et`` with all it can. That is a cone problem again: each contact is taken twice, once
-    for the share that is known, whose normal row acts on a mass of its own and brings it to ``s e Lambda_C`` exactly,
-    and once for the rest; both have the same tangential rows. (The relaxation would give a share that slides more than
-    that, and friction with it. Its offset is moved until it does not.) s is 1, or the largest number in [0, 1] with
-    which the two phases create no energy; s = 0 never does. The surfaces of the collision do not jump: as under
-    `Poisson` they have their velocities after the impact from the start.
+    and friction opposes ``gamma_Et`` as strongly as it can. This is again a cone problem, in which each contact appears
+    twice with the same tangential rows: once for the known share, whose normal row acts on a separate mass that gives
+    it the impulse ``s e Lambda_C`` exactly, and once for the rest. (Under the convex relaxation a share that slides
+    would get more than that, and more friction. Its offset is shifted until it does not.) s is 1, or the largest number
+    in [0, 1] with which the two phases create no energy; s = 0 never creates any. The surfaces of the collision do not
+    jump: as under `Poisson` they have their velocities after the impact from the start.
 
-    Where friction leaves several solutions, rounding would decide between them, and so would units of mass and speed.
-    All is therefore solved in units of the collision itself, with numbers rounded so that others lead to the same.
+    Where friction leaves several solutions, rounding and the units of mass and speed would decide between them.
+    The problem is therefore solved in units of the collision itself, with numbers rounded so that a change of units
+    leaves them the same.
     """
 
     def outcome(self, s: float, near: ConeAnswer | None = None) -> Outcome:
-        """Return what follows where coefficients of restitution are s times as large."""
+        """Return the outcome with the coefficients of restitution multiplied by s."""
         given, kick = s * self._share, np.zeros(len(self._rows))
         kick[self._first] = given
         start = self._before + self._rows @ (self._compression.jump + kick @ self._rows)
@@ -62,7 +63,7 @@ class TwoPhases(Attempt):
         return Outcome(impact, answer)
 
     def __post_init__(self):
-        """Scale the problem so that the longest row of a contact and the largest velocity are 1, and round it."""
+        """Scale the problem to a longest row and a largest velocity of 1, and round it."""
         c, friction = self.collision, self.collision.friction
         assert friction is not None
         order, self._sizes = c.cone_rows
@@ -88,17 +89,19 @@ class TwoPhases(Attempt):
 
     @cached_property
     def _share(self) -> np.ndarray:
-        """``e Lambda_C`` of each contact, (h,)."""
+        """``e_i Lambda_Ci`` of each contact, (h,)."""
         return self.wanted * np.maximum(self._compression.impulse[self._first], 0.0)
 
     def _phase(self, rows: np.ndarray, offset: np.ndarray, sizes: np.ndarray) -> ConeAnswer:
         return self.solved(ConeProblem(rows, offset, sizes, exact=self.exact, speed=self._speed))
 
     def _expansion(self, start: np.ndarray, given: np.ndarray, twice: np.ndarray) -> tuple[ConeAnswer, np.ndarray]:
-        """Return what expansion adds to the given shares of normal impulses, (n,).
+        """Return the answer of the expansion, and the impulses that it adds to the given normal shares, (n,).
 
-        The velocities at the start, (n,), are those with these shares, (h,); contacts with a share and friction are
-        taken twice.
+        Args:
+            start: contact velocities that include the effect of the given shares, (n,).
+            given: the known share of the normal impulse of each contact, (h,).
+            twice: indices of the contacts with a share and friction, which appear twice in the problem.
         """
         n, nv = self._rows.shape
         copies = np.concatenate([self._first[i] + np.arange(int(self._sizes[i])) for i in twice])
@@ -129,5 +132,5 @@ class TwoPhases(Attempt):
 
 
 def _rounded(numbers: np.ndarray) -> np.ndarray:
-    """Return numbers of at most 1, (..), without their last bits."""
+    """Return numbers of magnitude at most 1, (..), rounded to `_BITS` bits after the point."""
     return np.ldexp(np.round(np.ldexp(numbers, _BITS)), -_BITS)

@@ -19,22 +19,23 @@ from impactlaw.mechanics.tolerances import FIXED
 
 @dataclass(frozen=True, repr=False)
 class Routh(ContactCoefficients, Law):
-    """Coulomb friction at every instant of the impact, as the normal impulse grows from 0.
+    """Coulomb friction at every instant of the impact, as the normal impulse N grows from 0.
 
-    ``d gamma_n = G_nn dN + G_nt dT``, ``d gamma_t = G_tn dN + G_tt dT``, ``dT = -mu dN`` along slip; slip may stop,
-    stick or reverse on the way, and the contact may jam. Compression ends where ``gamma_n = 0``, at N_c. Restitution
-    ends at ``N = (1 + e) N_c`` (Poisson's hypothesis), or where the normal impulse has given back ``e^2`` of the work
-    it has taken (Stronge's). With one tangential direction the outcome is in closed form; with two, slip turns, and the
-    equation is integrated along the way, to some 1e-7 of the speed (E. Routh, *Dynamics of a System of Rigid Bodies*,
-    1905, art. 187; J. Keller, J. Appl. Mech. 53, 1986; Y. Wang and M. Mason, J. Appl. Mech. 59, 1992; W. Stronge,
-    Proc. R. Soc. A 431, 1990).
+    ``d gamma_n = G_nn dN + G_nt dT``, ``d gamma_t = G_tn dN + G_tt dT``, ``dT = -mu dN`` along slip. During the impact
+    slip may stop and then stick or reverse, and the contact may jam. Compression ends at N_c, where ``gamma_n = 0``.
+    Restitution ends at ``N = (1 + e) N_c`` (Poisson's hypothesis), or when the normal impulse has given back ``e^2`` of
+    the work that it has absorbed (Stronge's). With one tangential direction the outcome has a closed form. With two,
+    slip changes its direction, and the equation is integrated to some 1e-7 of the speed (E. Routh, *Dynamics of a
+    System of Rigid Bodies*, 1905, art. 187; J. Keller, J. Appl. Mech. 53, 1986; Y. Wang and M. Mason, J. Appl. Mech.
+    59, 1992; W. Stronge, Proc. R. Soc. A 431, 1990).
 
-    No energy is created: friction takes it at every instant, and restitution ends at the latest where the kinetic
-    energy is that before, which Poisson's hypothesis can reach where slip changes.
+    No energy is created: friction dissipates at every instant, and restitution ends at the latest when the kinetic
+    energy is back at its value before the impact. Poisson's hypothesis can reach that limit where slip changes.
 
-    The law is for one contact. Several may collide at the same time if they do not influence each other; others are
-    refused, since how their impulses grow together is not known: `Coulomb` around `Poisson` is for any number. Friction
-    is that of the collision; a contact without any has Newton's outcome ``gamma+ = -e gamma-``.
+    The law is for one contact. Several contacts may collide at the same time if they do not influence each other;
+    otherwise the collision is refused, since it is not known how their impulses grow together. `Coulomb` around
+    `Poisson` takes any number of contacts. The friction is that of the collision; a contact without friction has
+    Newton's outcome ``gamma+ = -e gamma-``.
 
     Attributes:
         restitution: e, see `ContactCoefficients`: a number, one per contact, keyed by label, or a function of speed.
@@ -42,7 +43,7 @@ class Routh(ContactCoefficients, Law):
 
     Raises:
         RestitutionError: a coefficient is not in [0, 1].
-        UnknownNameError: no such hypothesis.
+        UnknownNameError: there is no such hypothesis.
     """
 
     name = "routh"
@@ -60,18 +61,18 @@ class Routh(ContactCoefficients, Law):
         return f"{super().__repr__()[:-1]}, hypothesis={self.hypothesis!r})"
 
     def target(self, collision: Collision) -> Target:
-        """Return the contact velocities after the impact, and the velocity that has them."""
+        """Return the contact velocities after the impact, and the velocity v+ of the bodies."""
         impact = self.resolve(collision)
         return Target(impact.post_contact_velocity, impact.post_velocity)
 
     def resolve(self, collision: Collision, *, solver: str = "auto") -> Impact:
-        """Return the impact: a `FrictionImpact` where the collision has friction.
+        """Return the impact; it is a `FrictionImpact` if the collision has friction.
 
         Raises:
             RestitutionError: the coefficients do not fit the contacts, or contacts influence each other.
-            SolverError: slip of a contact does not settle, or its impulse is no finite number.
-            UnsolvableLawError: a contact closes whose bodies cannot move apart, as where constraints hold them.
-            UnknownNameError: a solver is named.
+            SolverError: the slip of a contact does not settle, or its impulse is not a finite number.
+            UnsolvableLawError: a contact closes although no impulse can open it, as where constraints hold its bodies.
+            UnknownNameError: ``solver`` is not "auto".
         """
         if solver != "auto":
             raise UnknownNameError("solver of Routh's law", solver, ["auto"])
@@ -100,7 +101,7 @@ class Routh(ContactCoefficients, Law):
 
 
 def _check_free(collision: Collision, gamma: np.ndarray) -> None:
-    """Refuse contacts that close, but that no impulse opens."""
+    """Refuse contacts that close although no impulse can open them."""
     c = collision
     speed = abs(c.jacobian) @ np.abs(c.pre_velocity)
     if c.surface_velocity is not None:

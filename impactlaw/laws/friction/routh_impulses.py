@@ -2,8 +2,8 @@
 
 The normal impulse N grows from 0 and takes the place of time. Friction is Coulomb's at every instant:
 ``d gamma = G (1, f) dN`` with ``f = -D^2 gamma_t / |D gamma_t|``, ``D = diag(mu)``, while the contact slides. Once it
-has stopped, f is constant: it is the f in the ellipse ``|D^-1 f| <= 1`` that changes ``gamma_t`` least. That is
-sticking, or sliding along a constant direction, which is the reversal of slip where there is one tangential direction.
+has stopped, f is constant: it is the f in the ellipse ``|D^-1 f| <= 1`` that changes ``gamma_t`` least. The contact
+then sticks, or slides in a constant direction; with one tangential direction that is the reversal of slip.
 """
 
 from __future__ import annotations
@@ -18,34 +18,34 @@ import scipy
 from impactlaw.errors import SolverError
 
 Hypothesis = Literal["poisson", "stronge"]
-_ROUNDING = 1e-12  # part of a sum that is left of it where its terms cancel
-_STOPS = 1e-8  # part of the speed that counts as none where slip has stopped, which is found to 1e-9
-_WITHIN = 1e-9  # share of a phase in which slip turns, up to which its end counts as reached
-_CUTS = 12  # of a phase, one after another
-_FAR = (6.0, 40.0, 1e3)  # impulse, in units of what stops the approach without friction, up to which slip is followed
+_ROUNDING = 1e-12  # size of a sum relative to its terms up to which it is rounding
+_STOPS = 1e-8  # closing speed of a jammed contact, relative to before, that counts as 0: its stop is found to 1e-9
+_WITHIN = 1e-9  # distance from an end of a phase with turning slip, relative to its length, that counts as 0
+_CUTS = 12  # most times that a phase is cut
+_FAR = (6.0, 40.0, 1e3)  # slip is followed up to these N, in units of the impulse that stops a frictionless approach
 
 
 class Path(NamedTuple):
-    """What decides how slip turns."""
+    """The data that determine how slip turns."""
 
     G: np.ndarray  # Delassus matrix, normal row first, (1 + k, 1 + k)
     mu: np.ndarray  # coefficients, (k,)
-    speed: float  # in which slip and impulses along it are measured, m/s
+    speed: float  # the unit of slip and of impulses, m/s
 
 
 class Phase(NamedTuple):
-    """A stretch of N with the mean friction in it: velocities are linear in N, or right at its ends if slip turns."""
+    """An interval of N with its mean friction; if slip turns, velocities linear in N are right only at its ends."""
 
-    end: float  # normal impulse at which it ends, N s
-    f: np.ndarray  # friction over normal impulse, (k,)
+    end: float  # normal impulse at which the phase ends, N s
+    f: np.ndarray  # friction impulse over normal impulse, (k,)
     lag: float = 0.0  # normal work beyond that of the mean friction, J
-    slip: np.ndarray | None = None  # before it, over the speed, (k,)
-    ds: float = 0.0  # its step; 0 where friction is constant
+    slip: np.ndarray | None = None  # slip at the beginning, in units of ``path.speed``, (k,)
+    ds: float = 0.0  # step in s; 0 where friction is constant
     path: Path | None = None
-    cuts: int = 0  # how often it has been cut
+    cuts: int = 0  # how often the phase has been cut
 
     def cut(self, begin: float, length: float) -> tuple[Phase, ...]:
-        """Return its parts up to a normal impulse, counted from its begin, and from there; none where it ends there."""
+        """Return the two parts of the phase when cut at ``begin + length``; () if that is one of its ends."""
         whole = self.end - begin
         if self.path is None or self.cuts >= _CUTS or not _WITHIN * whole < length < (1.0 - _WITHIN) * whole:
             return ()
@@ -54,7 +54,7 @@ class Phase(NamedTuple):
         G, mu, speed = self.path
         ds, *first = part_of(G, mu, self.slip, self.ds, length / speed)
         rest, *second = part_of(G, mu, first[0], self.ds - ds, np.inf)
-        if not (first[1] > 0.0 and second[1] > 0.0):  # it ends there but for rounding
+        if not (first[1] > 0.0 and second[1] > 0.0):  # a part is empty up to rounding
             return ()
         one = self._part(begin, self.slip, ds, first)
         return one, self._part(one.end, first[0], rest, second)
@@ -68,7 +68,7 @@ class Phase(NamedTuple):
 
 
 def settled_friction(G: np.ndarray, mu: np.ndarray) -> np.ndarray:
-    """Return f of a contact that has stopped sliding, (k,): ``min |gamma_t'|``, in the metric of its mass, over f."""
+    """Return f of a contact that has stopped sliding, (k,): it minimizes ``|gamma_t'|`` in the metric of its mass."""
     A, b = G[1:, 1:] * np.outer(mu, mu), G[1:, 0] * mu
     w, V = np.linalg.eigh(A)
     w, b = np.maximum(w, 0.0), V.T @ b
@@ -89,15 +89,20 @@ def settled_friction(G: np.ndarray, mu: np.ndarray) -> np.ndarray:
 
 
 def phases_of(G: np.ndarray, slip: np.ndarray, mu: np.ndarray, approach: float) -> Iterator[Phase]:
-    """Give the phases of a contact: slip until it stops, in many short ones while it turns, and what follows.
+    """Yield the phases of a contact: those of slip until it stops, and the last one, after the stop.
 
-    ``dN = |gamma_t| ds`` makes the way to the stop smooth: Runge and Kutta's steps of order four in s, and friction of
-    each is the mean over it. What is left once slip does not turn any more, as with one tangential direction, is one.
-    The Delassus matrix G, (1 + k, 1 + k), has the normal row first; slip is ``gamma_t-``, (k,), with coefficients mu,
-    (k,), and approach ``-gamma-`` of the normal, m/s.
+    With ``dN = |gamma_t| ds`` slip is a smooth function of s up to its stop. It is integrated by Runge-Kutta steps of
+    order four; each is a phase with its mean friction. Once slip keeps its direction, as it always does with one
+    tangential direction, the rest of it is a single phase.
+
+    Args:
+        G: Delassus matrix, normal row first, (1 + k, 1 + k).
+        slip: ``gamma_t-``, (k,).
+        mu: coefficients of friction, (k,).
+        approach: ``-gamma-`` of the normal, m/s.
 
     Raises:
-        SolverError: slip does not settle, in an impact that is far beyond any without friction.
+        SolverError: slip has not settled at an impulse far beyond that of any impact without friction.
     """
     from impactlaw.laws.friction.routh_slip import sliding
 
@@ -124,12 +129,12 @@ def phases_of(G: np.ndarray, slip: np.ndarray, mu: np.ndarray, approach: float) 
 def impulses(G: np.ndarray, gamma: np.ndarray, phases: Iterable[Phase], e: float, hypothesis: Hypothesis) -> np.ndarray:
     """Return normal and tangential impulse at the end of restitution, (1 + k,).
 
-    Where restitution ends is told with `Routh`; at the latest it is where the kinetic energy is that before. A contact
-    that jams as it stops, as that of a body on a hinge can, gives nothing back: further impulse moves nothing.
-    The velocities before are gamma, (1 + k,), normal first and negative; phases are those of `phases_of`.
+    `Routh` says where restitution ends; at the latest that is when the kinetic energy is back at its value before. A
+    contact that jams as it stops, as that of a body on a hinge can, gives no energy back: further impulse moves no
+    body. ``gamma`` are the velocities before, (1 + k,), normal first and negative; ``phases`` come from `phases_of`.
 
     Raises:
-        SolverError: velocities, masses or coefficients are so large that their products are no finite numbers.
+        SolverError: velocities, masses or coefficients are so large that their products overflow.
     """
     speed = float(np.abs(gamma).max())
     impulse, velocity = np.zeros(len(gamma)), gamma.astype(float)
@@ -146,7 +151,7 @@ def impulses(G: np.ndarray, gamma: np.ndarray, phases: Iterable[Phase], e: float
             if pieces := phase.cut(begin, part):
                 phases = chain(pieces, phases)
                 continue
-            late = part > 0.5 * length  # it ends where the phase does, or at its begin: there is no lag in what is left
+            late = part > 0.5 * length  # compression ends at an end of the phase: the lag belongs to the other part
             taken += 0.5 * velocity[0] * part + (lag if late else 0.0)
             lag = 0.0 if late else lag
             energy += _work(direction, velocity, rates, part)
@@ -165,14 +170,14 @@ def impulses(G: np.ndarray, gamma: np.ndarray, phases: Iterable[Phase], e: float
             else:
                 rest = _reaching(0.5 * rates[0], velocity[0], -(e * e) * taken - lag if e else 0.0)
             rest = min(rest, _reaching(0.5 * float(direction @ rates), float(direction @ velocity), -energy))
-            if velocity[0] + rates[0] * max(rest, 0.0) < 0.0:  # slip has turned so that the contact closes again
+            if velocity[0] + rates[0] * max(rest, 0.0) < 0.0:  # slip has turned, and the contact would close again
                 rest = -velocity[0] / rates[0] if rates[0] > 0.0 else np.inf
             if pieces := phase.cut(begin, rest):
                 phases = chain(pieces, phases)
                 continue
             if rest <= length:
                 return impulse + max(rest, 0.0) * direction
-            if hypothesis != "poisson" and e:  # normal work done in restitution, in units of work taken
+            if hypothesis != "poisson" and e:  # work given back, over e^2 to compare with work absorbed
                 taken += ((velocity[0] + 0.5 * rates[0] * length) * length + lag) / (e * e)
             energy += _work(direction, velocity, rates, length)
         impulse, velocity, begin = impulse + length * direction, velocity + length * rates, phase.end
@@ -183,7 +188,7 @@ def impulses(G: np.ndarray, gamma: np.ndarray, phases: Iterable[Phase], e: float
 
 
 def _rates(G: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Return how fast an impulse changes contact velocities, (1 + k,): 0 where that is rounding, as it jams."""
+    """Return ``G @ direction``, the rates of contact velocities, (1 + k,), with 0 for those that are only rounding."""
     rates = G @ direction
     rates[np.abs(rates) <= _ROUNDING * (np.abs(G) @ np.abs(direction))] = 0.0
     return rates
@@ -194,7 +199,7 @@ def _work(direction: np.ndarray, velocity: np.ndarray, rates: np.ndarray, length
 
 
 def _reaching(a: float, b: float, c: float) -> float:
-    """Return the least x >= 0 from which on ``a x^2 + b x >= c``, for c >= 0; infinite if there is none."""
+    """Return the x >= 0 at which ``a x^2 + b x`` first rises to c, for c >= 0; infinite if it never does."""
     if c <= 0.0 and b >= 0.0:
         return 0.0 if (b > 0.0 or a >= 0.0) else np.inf
     root = b * b + 4.0 * a * c

@@ -1,4 +1,7 @@
-"""Slip that turns during an impact, compiled; in one file, so that numba's cache is renewed when it changes."""
+"""Compiled integration of slip that turns during an impact.
+
+It is all in this one file, so that numba's cache on disk is renewed whenever it changes.
+"""
 
 from __future__ import annotations
 
@@ -7,18 +10,18 @@ import numpy as np
 from impactlaw.compiled import compiled
 
 _FINE = 0.1  # first step in units of the fastest rate of slip
-_SHARE = 0.05  # of the impulse that stops the approach without friction, for one step
-_TOLERANCE = 1e-10  # error of a step, relative to the slip before
-_RELATIVE = 1e-8  # the same, relative to the slip of now
-_STRAIGHT = 1e-10  # turn of slip, relative to the fastest rate, that counts as none: the rest is one step
-_STOPPED = 1e-9  # slip, relative to that before, that counts as none
+_SHARE = 0.05  # largest normal impulse of a step, relative to the one that stops the approach without friction
+_TOLERANCE = 1e-10  # allowed error of a step, relative to the slip before the impact
+_RELATIVE = 1e-8  # further allowed error of a step, relative to the current slip
+_STRAIGHT = 1e-10  # turning rate of slip, relative to the fastest rate, that counts as 0: one step does the rest
+_STOPPED = 1e-9  # slip, relative to the slip before the impact, that counts as 0
 _MOST = 20_000
-_PLACES = 8  # of Newton's method for the step that takes some normal impulse
+_PLACES = 8  # Newton iterations for the length ds of a step with a given normal impulse
 
 
 @compiled()
 def _friction(slip, mu):
-    """Return ``D^2 u / |D u|`` of the direction u of slip, (k,)."""
+    """Return ``D^2 u / |D u|`` for slip u, (k,)."""
     size = 0.0
     for i in range(len(mu)):
         size += (mu[i] * slip[i]) ** 2
@@ -27,7 +30,7 @@ def _friction(slip, mu):
 
 @compiled()
 def _stepped(Gn, Gt, mu, slip, ds):
-    """Return slip, normal impulse N, friction impulse T and ``int T dN`` after Runge and Kutta's step of order four."""
+    """Return slip, normal impulse N, friction impulse T and ``int T dN`` after a Runge-Kutta step of order four."""
     u, done, impulse, change = slip, 0.0, np.zeros(len(mu)), np.zeros(len(mu))
     so_far, moment = np.zeros(len(mu)), np.zeros(len(mu))
     for stage in range(4):
@@ -46,7 +49,7 @@ def _stepped(Gn, Gt, mu, slip, ds):
 
 @compiled()
 def part_of(G, mu, slip, ds, length):
-    """Return the part of a step that takes a normal impulse of this length, and what `_stepped` returns for it."""
+    """Return the part of the step ds whose normal impulse is ``length``, and what `_stepped` returns for it."""
     Gt, Gn = np.ascontiguousarray(G[1:, 1:]), np.ascontiguousarray(G[1:, 0])
     whole = _stepped(Gn, Gt, mu, slip, ds)
     if length >= whole[1]:
@@ -64,9 +67,10 @@ def part_of(G, mu, slip, ds, length):
 def sliding(G, slip, mu, approach, far):
     """Return steps, (m, 2 + 3 k), and whether slip has stopped after them.
 
-    Of each: its end in normal impulse, its length ds, slip before it, its mean friction over normal impulse, and
-    `_stepped`'s ``int T dN`` beyond that of this mean. They go on until slip has stopped, or normal impulse is ``far``
-    times what stops the approach without friction. ds is 0 where slip does not turn any more.
+    A row has the normal impulse at the end of the step, its length ds, the slip before it, the mean friction impulse
+    over normal impulse, and ``int T dN`` less its value for this mean. The integration ends when slip has stopped, or
+    when the normal impulse is ``far`` times the one that stops the approach without friction. A last step with ds = 0
+    is the rest of a slip that keeps its direction.
     """
     k = len(mu)
     Gt, Gn = np.ascontiguousarray(G[1:, 1:]), np.ascontiguousarray(G[1:, 0])

@@ -1,4 +1,4 @@
-"""Restitution with friction: all of it, or as much as creates no energy, in each group of contacts by itself."""
+"""Restitution with friction, scaled down where it would create energy, in each group of contacts separately."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from impactlaw.solvers.problem import Status
 
 
 class Outcome(NamedTuple):
-    """An impact and the answer it is made of."""
+    """An impact, and the answer of the cone problem that it was made from."""
 
     impact: FrictionImpact
     answer: ConeAnswer
@@ -28,17 +28,18 @@ class Outcome(NamedTuple):
 
 @dataclass(eq=False)
 class Attempt(ABC):
-    """A law with friction for the contacts of a collision, its restitution scaled by a number s in [0, 1].
+    """A law with friction applied to a collision, with its restitution scaled by a number s in [0, 1].
 
     Attributes:
-        law: what decides along the normals.
-        collision: with rows of friction.
-        wanted: the law's restitution of each contact, of any kind, shape (h,); positive where there is some.
-        exact: exact Coulomb friction, or its convex relaxation.
+        law: the law along the normals.
+        collision: the contacts, with rows of friction.
+        wanted: a measure of the restitution of each contact, shape (h,), as subclasses define it; positive where the
+            contact has restitution.
+        exact: whether friction is exact Coulomb friction, or else its convex relaxation.
         effort: limits the work; None is no limit.
-        solver: of the collision without friction.
-        whole: the collision that these contacts are of.
-        problem: a cone problem of these contacts, where one was made.
+        solver: name of the solver for the collision without friction.
+        whole: the collision of which these contacts are a part.
+        problem: a cone problem of these contacts, if one has been made.
     """
 
     law: Law
@@ -52,7 +53,7 @@ class Attempt(ABC):
 
     @abstractmethod
     def outcome(self, s: float, near: ConeAnswer | None = None) -> Outcome:
-        """Return what follows from restitution scaled by s; near is the answer for another s.
+        """Return the outcome with restitution scaled by s; ``near``, the answer for another s, is the initial guess.
 
         Raises:
             SolverError: no answer passed its certificate.
@@ -63,14 +64,14 @@ class Attempt(ABC):
         return bool(np.count_nonzero(self.wanted[contacts] > 0.0))
 
     def part(self, contacts: np.ndarray, collision: Collision | None = None) -> Attempt:
-        """Return the attempt for some contacts alone, ascending, with the restitution that they have among all."""
+        """Return the attempt for some contacts alone, indices ascending, with their restitution in the collision."""
         if self.effort is not None:
             self.effort.begin_part()
         collision = self.collision.part(contacts) if collision is None else collision
         return replace(self, collision=collision, wanted=self.wanted[contacts])
 
     def solved(self, problem: ConeProblem, near: ConeAnswer | None = None) -> ConeAnswer:
-        """Return the certified answer of a cone problem; `SolverError` if there is none."""
+        """Return the certified answer of a cone problem; raise `SolverError` if none was found."""
         guess, rounds = (None, THOROUGH) if near is None else (near.impulse, BRIEF)
         answer = solve_within(problem, guess, rounds, self.effort)
         if answer.status is not Status.SOLVED:
@@ -81,14 +82,14 @@ class Attempt(ABC):
         return answer
 
     def tried(self, s: float, near: ConeAnswer | None = None) -> Outcome | None:
-        """Return `outcome`, None if no answer passed its certificate."""
+        """Return `outcome`, or None if no answer passed its certificate."""
         try:
             return self.outcome(s, near)
         except SolverError:
             return None
 
     def refusing(self, s: float) -> Outcome:
-        """Return `outcome`; where there is none, the law without friction refuses what no velocity can do."""
+        """Return `outcome`; if it fails, resolve without friction, which raises if no velocity satisfies the law."""
         try:
             return self.outcome(s)
         except SolverError:
@@ -96,7 +97,10 @@ class Attempt(ABC):
             raise
 
     def created(self, outcome: Outcome | None, work: float) -> float:
-        """Return a work of impulses of contact, J, relative to the kinetic energy, less what may be rounding."""
+        """Return the work of contact impulses, J, relative to the kinetic energy, less an allowance for rounding.
+
+        Without an outcome it is infinite.
+        """
         if outcome is None:
             return np.inf
         speed = max(self.collision.pre_speed, outcome.impact.intensity)
@@ -104,7 +108,7 @@ class Attempt(ABC):
 
 
 def resolve_scaled(attempt: Attempt) -> FrictionImpact:
-    """Return the impact of all contacts; bodies that share no degree of freedom are resolved by themselves."""
+    """Return the impact of all contacts; parts that share no degrees of freedom are resolved separately."""
     parts = [
         (contacts, _resolved(attempt.part(contacts, alone)))
         for contacts, alone in apart(attempt.collision, attempt.law)
@@ -113,7 +117,7 @@ def resolve_scaled(attempt: Attempt) -> FrictionImpact:
 
 
 def _resolved(attempt: Attempt, *, one_group: bool = False) -> FrictionImpact:
-    """Return the impact, with restitution scaled in those groups of contacts alone that create energy."""
+    """Return the impact, with restitution scaled only in the groups of contacts that create energy."""
     if not attempt.scales():
         return attempt.refusing(1.0).impact
     c, whole = attempt.collision, attempt.tried(1.0)
@@ -140,9 +144,9 @@ def _resolved(attempt: Attempt, *, one_group: bool = False) -> FrictionImpact:
 
 
 def _largest(attempt: Attempt, created: float) -> FrictionImpact:
-    """Return the impact of the largest s that creates no energy, by parabolas or bisection.
+    """Return the impact of the largest s that creates no energy, found by parabolas or bisection.
 
-    That of s = 1 creates so much; it is infinite if there is no impact.
+    ``created`` is the energy created by s = 1, see `Attempt.created`.
     """
     best = attempt.refusing(0.0)
     if not np.isfinite(created) and attempt.effort is not None and attempt.effort.hasty:

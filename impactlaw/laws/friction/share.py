@@ -1,30 +1,35 @@
-"""The share of restitution to try next, where the whole creates energy; compiled steps take it over."""
+"""The search for the share s of restitution that creates no energy. Compiled soft steps use `next_share`."""
 
 from __future__ import annotations
 
 from math import isnan, sqrt
 
 CREATED = 1e-12
-"""Energy, relative to the one before, up to which its creation is rounding."""
+"""Energy created, relative to the energy before, up to which it is rounding."""
 SEARCHES = 60
-"""Shares that are tried."""
+"""Most shares that are tried."""
 FOUND, SOLVABLE = 1e-10, 0.03
-"""Widths of the bracket of s that are narrow enough, the second where beyond the bracket no impact was found."""
+"""Width of the bracket of s at which the search ends; the second where no impact was found at its upper end."""
 AIM = 5e-12
-"""Energy lost, relative to the one before, that a search aims at: what it finds is then on the right side."""
+"""Relative loss of energy that the search aims at, so that its result is on the side that creates none."""
 
 
 def next_share(
     low: float, high: float, third: float, below: float, above: float, beyond: float, stalled: bool
 ) -> float:
-    """Return where the parabola through three points is 0, or through two, or the middle.
+    """Return the share to try next: the root of a parabola through known points, or the middle of the bracket.
 
-    The energy that is created is quadratic in s while the same contacts stick, slide and separate, and without friction
-    no other terms than its square have a part in it: of two points, that at 0 is the vertex.
+    The energy created is quadratic in s as long as the same contacts stick, slide and separate. Without friction it has
+    no linear term, so the parabola through two points has its vertex at the lower one, s = 0.
 
-    The bracket is from low, with a value below 0, else of no use, to high, with one above 0, infinite if there is none.
-    The third point, with the value beyond, is the end that was replaced last, NaN if none was. It is the middle where
-    the last try was of little use: stalled.
+    Args:
+        low: lower end of the bracket.
+        high: upper end of the bracket.
+        third: the end that was replaced last; NaN if none was.
+        below: energy created at low; it must be negative to be of use.
+        above: energy created at high, positive; infinite if no impact was found there.
+        beyond: energy created at the third point.
+        stalled: whether the last try reduced the error too little; the result is then the middle.
     """
     width = high - low
     if stalled or not below < 0.0 or not above < 1e300:

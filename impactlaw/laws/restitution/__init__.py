@@ -1,1 +1,1 @@
-"""Restitution as it is written: by number, by contact, in MJCF, as plain values."""
+"""Restitution as users write it: one number, by contact, in MJCF, as plain values."""

@@ -14,32 +14,32 @@ from impactlaw.laws.base import coefficient
 from impactlaw.laws.restitution.labels import OfContacts, checked_values
 from impactlaw.mechanics.collision import Collision
 
-_MOST_SHOWN = 32  # entries of a mapping
+_MOST_SHOWN = 32  # entries of a mapping that `repr` shows
 
 Coefficient = float | Callable[[float], float]
 """e, or e as a function of the speed at which a contact closes."""
 Coefficients = Coefficient | Sequence[Coefficient] | Mapping[str | tuple[str, str], Coefficient]
-"""One for every contact, one for each in their order, or by labels of contacts."""
+"""One coefficient for all contacts, one for each contact in order, or a mapping from contact labels."""
 
 
 @dataclass(frozen=True, repr=False)
 class ContactCoefficients(OfContacts):
     """The coefficients ``e_1 .. e_h`` of a law that has one for each contact.
 
-    In the place of any number there may be a function: it is called for each contact with the speed at which that
+    Any coefficient may be a function instead of a number. It is called for each contact with the speed at which that
     contact closes, ``max(0, -gamma-_i)`` (a float, m/s; rad/s at hinges), and returns e in [0, 1].
 
     Attributes:
         restitution: one coefficient for every contact, a sequence with one per contact, or a mapping from contact
             labels, ``("ball1", "floor")`` or ``"ball1/floor"`` in either order, or patterns of these
-            (`restitution.labels`), to coefficients. A sequence is for collisions of exactly as many contacts, in their
-            order, which are rarely the same while a scene moves; labels follow the contacts.
-        default: coefficient of contacts that the mapping does not name; without it such a contact is an error, and a
-            stepper refuses the law if the scene can have one.
+            (`restitution.labels`), to coefficients. A sequence fits only collisions of exactly as many contacts, in
+            their order, which changes while a scene moves; labels follow the contacts.
+        default: coefficient of contacts that the mapping does not name. Without a default such a contact raises an
+            error, and a stepper refuses the law if the scene can have one.
 
     Raises:
-        RestitutionError: a coefficient is not in [0, 1], a contact has two, a mapping is empty and there is no default,
-            a default is given without a mapping, or coefficients are a set, which has no order.
+        RestitutionError: a coefficient is not in [0, 1], a contact has two coefficients, a mapping is empty and there
+            is no default, a default is given without a mapping, or coefficients are a set, which has no order.
     """
 
     restitution: Coefficients
@@ -62,7 +62,7 @@ class ContactCoefficients(OfContacts):
 
     @property
     def has_patterns(self) -> bool:
-        """Whether some of these labels are patterns."""
+        """Whether some keys of the mapping are patterns."""
         return bool(self._patterns)
 
     def coefficients(self, collision: Collision) -> np.ndarray:
@@ -83,7 +83,7 @@ class ContactCoefficients(OfContacts):
 
 
 def described(value: object) -> object:
-    """Return the name of a function, with its module; anything else as it is."""
+    """Return the qualified name of a function; any other value unchanged."""
     name = getattr(value, "__qualname__", None)
     return f"{getattr(value, '__module__', None)}.{name}" if callable(value) and name else value
 
@@ -93,7 +93,7 @@ def _checked(value: Any, name: str) -> Any:
 
 
 def _at(e: Any, speed: float, label: str) -> float:
-    """Return e at the speed, if it depends on that; refuse what is no number in [0, 1]."""
+    """Return the coefficient at a closing speed; raise `RestitutionError` if it is not a number in [0, 1]."""
     if not callable(e):
         return e
     name = f"restitution {described(e)} of contact {label} at speed {speed:.6g}"

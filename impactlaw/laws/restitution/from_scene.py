@@ -13,8 +13,8 @@ from impactlaw.scene.contacts import geom_names
 from impactlaw.scene.joint_limits import Limits
 
 RESTITUTION = "restitution"
-"""``<custom><numeric name="restitution" data="0.5"/>`` is a scene's default coefficient;
-``<numeric name="restitution/geomA/geomB" data="0.9"/>`` is that of one pair, in either order;
+"""Name of restitution in the ``<custom>`` section: ``<numeric name="restitution" data="0.5"/>`` is the default of the
+scene, ``<numeric name="restitution/geomA/geomB" data="0.9"/>`` that of a pair of geoms, in either order, and
 ``<numeric name="restitution/joint" data="0.2"/>`` that of the limits of a joint or tendon."""
 
 
@@ -22,8 +22,9 @@ def scene_law(model: mujoco.MjModel) -> Newton:
     """Return the law that the scene itself carries: Newton, keyed by geom pairs, joints and tendons.
 
     Raises:
-        RestitutionError: the scene names no restitution, or a coefficient is not one number in [0, 1], or was renamed.
-        UnknownNameError: a coefficient is of something that the scene does not have.
+        RestitutionError: the scene names no restitution; or a ``<numeric>`` of it is not one number in [0, 1], or has
+            been renamed by ``<attach>``.
+        UnknownNameError: a coefficient names a geom, joint or tendon that the scene does not have.
     """
     table, default = _coefficients(model)
     if default is None and not table:
@@ -35,9 +36,9 @@ def scene_law(model: mujoco.MjModel) -> Newton:
 
 
 def scene_restitution(model: mujoco.MjModel) -> float | None:
-    """Return the coefficient that a scene carries for all contacts without one of their own; None if it has none.
+    """Return the default coefficient of a scene, for contacts without their own; None if it has no default.
 
-    It raises what `scene_law` does, but not where the scene names no restitution.
+    It raises the same errors as `scene_law`, except where the scene names no restitution.
     """
     return _coefficients(model)[1]
 
@@ -74,7 +75,7 @@ def _one_coefficient(numeric: Any) -> float:
 
 
 def _split_name(name: str, names: tuple[str, ...], limits: tuple[str, ...]) -> str | tuple[str, str]:
-    """Split ``restitution/a/b`` where the geoms' own names may hold slashes; ``restitution/a`` is a joint or tendon."""
+    """Return the geoms of ``restitution/a/b``, whose names may contain slashes, or the limit of ``restitution/a``."""
     parts = name.split("/")[1:]
     if "/".join(parts) in limits:
         return "/".join(parts)

@@ -1,7 +1,7 @@
-"""Values keyed by contact labels, such as restitution, so that they survive a changing set of closed contacts.
+"""Values such as restitution keyed by contact labels, which remain valid while the set of closed contacts changes.
 
-A label is two names with a slash, ``"ball1/floor"``, in either order; limits have the name of their joint or tendon.
-The README of the laws tells what patterns such as ``"*foot*/floor"`` stand for.
+A label is two geom names with a slash between them, ``"ball1/floor"``, in either order; a limit has the name of its
+joint or tendon. The README of the laws explains patterns such as ``"*foot*/floor"``.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ from impactlaw.errors import RestitutionError, UnknownNameError
 
 
 def canonical(label: object) -> str:
-    """Return the label with its two names in an order of their own; takes ``"a/b"`` or ``("a", "b")``.
+    """Return a label, ``"a/b"`` or ``("a", "b")``, with its two names in a unique order.
 
-    Names that have slashes themselves cannot be told apart: of all labels that begin after a slash and go on with what
-    was before it, this is the first one by alphabet. Patterns of such names stay as they are.
+    If names contain slashes themselves, it is not known which slash separates them. The result is then the first in
+    alphabetical order of the label and all labels made by swapping its parts at one slash. Patterns with more than one
+    slash stay unchanged.
     """
     if isinstance(label, tuple) and len(label) == 2 and all(isinstance(name, str) for name in label):
         label = "/".join(label)
@@ -32,7 +33,7 @@ def canonical(label: object) -> str:
 
 
 def put(table: dict, key: object, value: float) -> None:
-    """Enter a value under a canonical key; refuse a second one, perhaps with its names in another order."""
+    """Enter a value under a canonical key; refuse a different value for a key that is already there."""
     if table.setdefault(key, value) != value:
         raise RestitutionError(
             f"{key} has two restitutions, {table[key]} and {value}; the order of names does not matter"
@@ -40,9 +41,9 @@ def put(table: dict, key: object, value: float) -> None:
 
 
 def checked_values(value: Any, name: str, check: Callable[[Any, str], Any], law: str) -> Any:
-    """Return a law's values for its contacts, checked: one for all, a tuple, or a dict by canonical labels.
+    """Check the values of a law for its contacts; return one for all, a tuple, or a dict keyed by canonical labels.
 
-    ``check(value, name)`` returns the value of one contact, or raises; name and law are for messages.
+    ``check(value, name)`` returns the value of one contact, or raises; ``name`` and ``law`` are for messages.
     """
     if isinstance(value, Mapping):
         table: dict[str, Any] = {}
@@ -57,12 +58,12 @@ def checked_values(value: Any, name: str, check: Callable[[Any, str], Any], law:
 
 
 def is_pattern(key: str) -> bool:
-    """Return whether a key stands for any label that matches it."""
+    """Return whether a key is a pattern: whether it contains ``*``, ``?`` or ``[``."""
     return any(character in key for character in "*?[")
 
 
 def matches(pattern: str, label: str) -> bool:
-    """Return whether a pattern is of this contact or limit, with names that have slashes cut in any way."""
+    """Return whether a pattern matches this contact or limit, for any way to split labels with several slashes."""
     pairs, wanted = tuple(_pairs(label)), tuple(_pairs(pattern))
     if fnmatchcase(label, pattern) or any(fnmatchcase(name, pattern) for pair in pairs for name in pair):
         return True
@@ -72,7 +73,7 @@ def matches(pattern: str, label: str) -> bool:
 class OfContacts:
     """A law with a value for each contact: one for all, a tuple in their order, or a dict by labels and patterns.
 
-    They are checked by `checked_values`, and kept in the field that has their name.
+    The values have passed `checked_values` and are in the field whose name is ``_name``.
     """
 
     _name = "restitution"
@@ -84,12 +85,12 @@ class OfContacts:
 
     @property
     def contact_labels(self) -> frozenset[str]:
-        """Labels and patterns the law was keyed with, in canonical order; empty if it was not."""
+        """Labels and patterns by which the law is keyed, in canonical form; empty if it has no keys."""
         return frozenset(self._values) if isinstance(self._values, dict) else frozenset()
 
     @property
     def contact_count(self) -> int | None:
-        """Number of contacts that the law is for; None if for any."""
+        """Number of contacts that the law fits; None if it fits any number."""
         return len(self._values) if isinstance(self._values, tuple) else None
 
     @cached_property
@@ -97,7 +98,7 @@ class OfContacts:
         return tuple(filter(is_pattern, self._values)) if isinstance(self._values, dict) else ()
 
     def _of_contacts(self, labels: tuple[str, ...], what: str) -> list[Any]:
-        """Return the value of each contact, None where it has none."""
+        """Return the value of each contact, or None where a contact has no value."""
         values = self._values
         if isinstance(values, dict):
             return [self.named(label) for label in labels]
@@ -110,10 +111,10 @@ class OfContacts:
         return list(values) if isinstance(values, tuple) else [values] * len(labels)
 
     def named(self, label: str) -> Any:
-        """Return the value of a contact where the law is keyed by labels: its default, or None, if it has none."""
+        """Return the value of a contact of a law keyed by labels; for one that is not named the default, or None."""
         table = self._values
         found = table.get(canonical(label))
-        if found is None and is_pattern(label):  # names can have the characters of patterns
+        if found is None and is_pattern(label):  # geom names may contain the characters of patterns
             found = next((table[form] for form in _forms(label) if form in table), None)
         if found is not None or not self._patterns:
             return self.default if found is None else found
@@ -128,10 +129,11 @@ class OfContacts:
 
 
 def check_labels(used: Iterable[str], known: tuple[str, ...], *, patterns: bool = True) -> None:
-    """Compare the labels, or patterns if a law knows them, that it uses with all that the scene can have.
+    """Check that each label a law uses, or pattern if it allows these, fits a contact that the scene can have.
 
     Raises:
-        UnknownNameError: no contact of the scene can have a label, or matches a pattern; names the nearest ones.
+        UnknownNameError: no contact of the scene can have this label or match this pattern; the message suggests the
+            nearest labels.
     """
     exact = {canonical(label) for label in known}
     exact |= {form for label in known if is_pattern(label) for form in _forms(label)}
@@ -142,14 +144,14 @@ def check_labels(used: Iterable[str], known: tuple[str, ...], *, patterns: bool 
 
 
 def _forms(label: str) -> Iterator[str]:
-    """Yield what names the same contact: the label, and its two names the other way round, in each way to cut it."""
+    """Yield all labels of the same contact: the label itself, and those with its parts swapped at one slash."""
     yield label
     for first, second in _pairs(label):
         yield f"{second}/{first}"
 
 
 def _pairs(label: str) -> Iterator[tuple[str, str]]:
-    """Yield the two names that a label is made of, in each way that it can be cut."""
+    """Yield the two names that a label consists of, for each slash at which it can be split."""
     parts = label.split("/")
     for cut in range(1, len(parts)):
         yield "/".join(parts[:cut]), "/".join(parts[cut:])

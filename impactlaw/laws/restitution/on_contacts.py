@@ -21,7 +21,7 @@ from impactlaw.mechanics.collision import Collision
 
 @dataclass(frozen=True)
 class Chosen:
-    """Some of the contacts that a scene can have: these labels, in canonical order of names, or all others."""
+    """A choice among the contacts that a scene can have: those with these canonical labels, or all others."""
 
     labels: frozenset[str]
     others: bool = False
@@ -33,9 +33,9 @@ class Chosen:
 
 @dataclass(frozen=True)
 class OnContacts(Law):
-    """``gamma^h`` is the law's for the contacts that are chosen, as if they collided alone, and 0 for the others.
+    """The target of a law on the chosen contacts, as if they collided alone, and ``gamma^h = 0`` on the others.
 
-    With a diagonal E this is the same E with zeros. A law that couples contacts knows of the chosen ones only.
+    For a diagonal E this is E with zeros for the others. A law that couples contacts sees the chosen ones only.
     """
 
     law: Law
@@ -45,7 +45,7 @@ class OnContacts(Law):
         return f"{self.law!r} on some contacts"
 
     def target(self, collision: Collision) -> Target:
-        """Return ``gamma^h``, zero where a contact is not chosen."""
+        """Return ``gamma^h``, which is 0 for contacts that are not chosen."""
         which = np.flatnonzero(self.chosen.mask(collision.labels))
         if len(which) == len(collision.labels):
             return aim(self.law, collision)
@@ -59,7 +59,7 @@ def restricted(law: Law, chosen: Chosen) -> Law:
     """Return the law for the contacts that are chosen, with E = 0 for the others.
 
     Raises:
-        RestitutionError: the law has a rule of its own for impulses, without coefficients that could be 0.
+        RestitutionError: the law has its own rule for impulses, and no coefficients that could be set to 0.
     """
     if isinstance(law, MaximalDissipation):
         return law
@@ -78,7 +78,7 @@ def restricted(law: Law, chosen: Chosen) -> Law:
 
 
 def _with_zeros(law: Any, chosen: Chosen) -> Law:
-    """Return a law of coefficients with 0 for the contacts that are not chosen."""
+    """Return the law with coefficient 0 for the contacts that are not chosen."""
     if not isinstance(law.restitution, Mapping):
         law = replace(law, restitution={}, default=law.restitution)
     if chosen.others:

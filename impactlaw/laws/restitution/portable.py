@@ -1,4 +1,4 @@
-"""Laws as plain values, such as JSON has, and back: for what is written down and made again elsewhere."""
+"""Conversion of laws to plain values, such as JSON has, and back, for files and other processes."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _LAW, _FUNCTION, _ENTRIES = "law class", "function", "entries"
 
 
 def portable(value: Any) -> Any:
-    """Return a law, or what a law takes, as numbers, texts, lists and dictionaries, of which `restored` makes it again.
+    """Return a law, or an argument of a law, as numbers, strings, lists and dictionaries; `restored` is the inverse.
 
     Raises:
-        RestitutionError: it holds what has no name to be found by, such as a lambda function or a local class.
+        RestitutionError: it contains an object that cannot be imported by name, such as a lambda or a local class.
     """
     if isinstance(value, Law):
         parts = {part.name: portable(getattr(value, part.name)) for part in dataclasses.fields(value) if part.init}
@@ -41,11 +41,10 @@ def portable(value: Any) -> Any:
 
 
 def restored(value: Any) -> Any:
-    """Return what `portable` has made the plain value of; anything else as it is.
+    """Return the law, or argument of a law, of which `portable` made this value; return any other value unchanged.
 
     Raises:
-        RestitutionError: it names a law or a function that is not there, or something that a law does not have or
-            lacks.
+        RestitutionError: it names a law or function that does not exist, or the fields are not those of the law.
     """
     if not isinstance(value, Mapping):
         return value
@@ -83,7 +82,7 @@ def _key(value: Any) -> Any:
 
 
 def _place(value: Any) -> str:
-    """Return ``module:name`` of a class or function that is to be found there."""
+    """Return ``module:name`` of a class or function; raise `RestitutionError` if it cannot be found by that."""
     place = f"{getattr(value, '__module__', None)}:{getattr(value, '__qualname__', None)}"
     module = sys.modules.get(getattr(value, "__module__", None) or "")
     if getattr(module, getattr(value, "__qualname__", ""), None) is not value:
