@@ -1,4 +1,4 @@
-"""Arrays as collisions keep them: read-only copies in double precision, all entries finite, of the shape they need."""
+"""Checks of arrays: collisions keep read-only copies in double precision, with finite entries and the right shape."""
 
 from __future__ import annotations
 
@@ -22,22 +22,23 @@ def real_array(values: ArrayLike) -> np.ndarray:
 def finite_array(
     values: ArrayLike, name: str, shape: tuple[int | str, ...] | None = None, like: str = ""
 ) -> np.ndarray:
-    """Return a read-only copy in double precision; `InvalidCollisionError`, with name and reason ``like``, if not one.
+    """Return a read-only copy in double precision; `InvalidCollisionError` if entries or shape are wrong.
 
-    A shape with a text such as "h" at its beginning stands for any length there, None for any shape.
+    If the first entry of ``shape`` is a string such as "h", any length is right there; None means any shape. ``name``
+    and ``like``, the reason for the shape, are for the message.
     """
     try:
         array = real_array(values)
     except (TypeError, ValueError) as error:
         raise InvalidCollisionError(f"{name} is not an array of numbers: {error}") from None
-    if np.count_nonzero(np.isfinite(array)) != array.size:  # every collision comes here: faster than all()
+    if np.count_nonzero(np.isfinite(array)) != array.size:  # faster than all(), and every collision runs this
         raise InvalidCollisionError(f"{name} has entries that are not finite")
     array.flags.writeable = False
     return array if shape is None else of_shape(array, name, shape, like)
 
 
 def of_shape(array: Any, name: str, shape: tuple[int | str, ...], like: str = "") -> Any:
-    """Return the array, which may be sparse, if it has the shape that is needed, see `finite_array`."""
+    """Return the array, which may be sparse, if it has this shape, see `finite_array`."""
     found, rest = array.shape, shape[1:]
     if found != shape and not (isinstance(shape[0], str) and len(found) == len(shape) and found[1:] == rest):
         wanted = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
@@ -46,7 +47,7 @@ def of_shape(array: Any, name: str, shape: tuple[int | str, ...], like: str = ""
 
 
 def is_sparse(values: Any) -> bool:
-    """Whether these are a scipy.sparse matrix or array; imports nothing."""
+    """Whether the values are a scipy.sparse matrix or array; does not import scipy.sparse."""
     return hasattr(values, "tocsr")
 
 

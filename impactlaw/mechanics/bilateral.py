@@ -1,9 +1,9 @@
-"""Impulses that leave bilateral constraints alone, and velocities relative to surfaces that move.
+"""Projection onto velocity jumps that satisfy bilateral constraints, and velocities relative to moving surfaces.
 
-Bilateral constraints ``J_eq v+ = J_eq v-`` get impulses too. In whitened coordinates, ``z = R^T v``, they confine the
-jump to the null space of ``Y_eq = J_eq R^-T``: the impulse of a contact with gradient ``y`` makes the jump ``P y``, P
-being the orthogonal projection onto that space. So the law sees ``Y P`` in the place of ``Y``, the same as in minimal
-coordinates. Redundant constraints do no harm, for P knows their span only.
+Bilateral constraints ``J_eq v+ = J_eq v-`` act by impulses. In whitened coordinates, ``z = R^T v``, they confine the
+jump to the null space of ``Y_eq = J_eq R^-T``: a unit impulse of a contact with gradient ``y`` makes the jump ``P y``,
+where P is the orthogonal projection onto that space. The law therefore uses ``Y P`` instead of ``Y``, as in minimal
+coordinates. Redundant constraints do no harm, since P depends on their span only.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ class Bilateral(NamedTuple):
         return cls(*row_span(whitened, RANK))
 
     def project(self, gradients: np.ndarray) -> np.ndarray:
-        """Return ``Y P``, (h, nv): gradients without their part along the constraints; 0 where that is all."""
+        """Return ``Y P``, (h, nv): gradients less their part along the constraints; 0 if only rounding is left."""
         B = self.basis
         projected = gradients - gradients @ B.T @ B
-        projected -= projected @ B.T @ B  # a second time for what rounding left in the first
+        projected -= projected @ B.T @ B  # a second time, to remove the rounding errors of the first
         fixed = np.vecdot(projected, projected) <= FIXED**2 * np.vecdot(gradients, gradients)
         projected[fixed] = 0.0
         return projected
 
     def confine(self, jacobian: np.ndarray, whitened: np.ndarray, constraints: np.ndarray) -> np.ndarray:
-        """Return J' with ``J' R^-T = J R^-T P``, (h, nv), of J, ``J R^-T`` and ``J_eq``: that leaves these alone."""
+        """Return J' with ``J' R^-T = J R^-T P``, (h, nv), given J, ``J R^-T`` and ``J_eq``."""
         return jacobian - whitened @ self.basis.T @ self.combination @ constraints
 
     def along(self, whitened_velocity: np.ndarray) -> np.ndarray | None:
-        """Return the part of a velocity that the constraints fix, (nv,); None if it is rounding: they are at rest."""
+        """Return the part of a velocity that the constraints fix, (nv,); None if it is only rounding, at rest."""
         part = self.basis @ whitened_velocity
         if part @ part <= FIXED**2 * (whitened_velocity @ whitened_velocity):
             return None
@@ -50,14 +50,14 @@ class Bilateral(NamedTuple):
 
 
 class Reached(NamedTuple):
-    """A whitened velocity z, (nv,), that comes nearest to ``Y z = rates``, and whether that holds."""
+    """A whitened velocity z, (nv,), that solves ``Y z = rates`` in the least-squares sense, and whether exactly."""
 
     velocity: np.ndarray
     is_exact: bool
 
 
 def velocity_with(gradients: np.ndarray, rates: np.ndarray) -> Reached:
-    """Return a small whitened velocity with these contact velocities, or the nearest to them."""
+    """Return the whitened velocity of least norm with these contact velocities, or with the nearest ones."""
     lengths = np.sqrt(np.vecdot(gradients, gradients))
     lengths[lengths == 0] = 1.0
     unit, wanted = gradients / lengths[:, None], rates / lengths

@@ -12,14 +12,16 @@ from impactlaw.mechanics.arrays import finite_sparse
 from impactlaw.mechanics.kinetic_metric import KineticMetric, check_symmetry
 
 LARGEST_BLOCK = 500
-"""Most degrees of freedom that may be coupled with each other; the factor of such a block is a dense matrix."""
+"""Most degrees of freedom in one block of coupled ones; the Cholesky factor of a block is a dense matrix."""
 
 
 class SparseMetric(KineticMetric):
-    """As `KineticMetric`, of a mass matrix that is any scipy.sparse matrix or array.
+    """The kinetic metric of a mass matrix that is any scipy.sparse matrix or array, see `KineticMetric`.
 
-    Degrees of freedom that M couples, directly or through others, form blocks. Each is factored by itself, and has at
-    most `LARGEST_BLOCK` of them: else `InvalidCollisionError`.
+    Degrees of freedom that M couples, directly or through others, form blocks, which are factored separately.
+
+    Raises:
+        InvalidCollisionError: as `KineticMetric`, or a block has more than `LARGEST_BLOCK` degrees of freedom.
     """
 
     _matrix = staticmethod(finite_sparse)
@@ -43,7 +45,7 @@ class SparseMetric(KineticMetric):
 
 
 def _factors(M: Any) -> tuple[Any, Any]:
-    """Return R and R^-1 as CSR arrays, by a dense Cholesky factor of every block, those of one size together."""
+    """Return R and R^-1 as CSR arrays, from dense Cholesky factors of the blocks; blocks of equal size are batched."""
     _, member = scipy.sparse.csgraph.connected_components(M, directed=False)
     size = np.bincount(member)[member]  # of the block of each degree of freedom
     if size.max() > LARGEST_BLOCK:
@@ -60,7 +62,7 @@ def _factors(M: Any) -> tuple[Any, Any]:
             R = np.linalg.cholesky(blocks.data)
         except np.linalg.LinAlgError:
             raise InvalidCollisionError("mass_matrix is not positive definite") from None
-        entries = blocks.tocoo()  # block after block, as those of R
+        entries = blocks.tocoo()  # in the order of the entries of R
         rows.append(part[entries.row])
         columns.append(part[entries.col])
         factors.append(R.ravel())

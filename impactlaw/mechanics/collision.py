@@ -29,30 +29,30 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Collision:
-    """Contacts closed at one configuration, met at one velocity.
+    """A set of contacts that are closed at one configuration, and the velocity before their impact.
 
-    The gap velocities are ``gamma = J v + w``; ``gamma >= 0`` separates, and w is what moving surfaces add. Lengths on
-    velocities are those of the kinetic metric, ``|v|^2 = v^T M v`` (Aeberhard and Glocker, "Perfect multi-contact
-    collisions"). Bilateral constraints keep their velocity, ``J_eq v+ = J_eq v-``, by impulses of their own.
+    The contact velocities are ``gamma = J v + w``, where w is the contribution of moving surfaces; ``gamma >= 0``
+    separates. Velocities are measured in the kinetic metric, ``|v|^2 = v^T M v`` (Aeberhard and Glocker, "Perfect
+    multi-contact collisions"). Bilateral constraints keep their velocity, ``J_eq v+ = J_eq v-``, by their own impulses.
 
     Attributes:
-        mass_matrix: ``M``, shape (nv, nv), symmetric positive definite. A scipy.sparse one may be diagonal or made of
-            blocks, see `impactlaw.mechanics.block_metric`.
-        jacobian: ``J``, shape (h, nv); row i is the gradient of the gap of contact i. h may be 0. If it or M is sparse,
-            both are kept as CSR arrays, and so are ``Y`` and ``G``.
+        mass_matrix: ``M``, shape (nv, nv), symmetric positive definite. A scipy.sparse matrix may be diagonal or
+            consist of blocks, see `impactlaw.mechanics.block_metric`.
+        jacobian: ``J``, shape (h, nv); row i is the gradient of the gap function of contact i. h may be 0. If J or M is
+            sparse, both are kept as CSR arrays, and so are ``Y`` and ``G``.
         pre_velocity: ``v-``, shape (nv,).
-        labels: one name per contact, for messages and for restitution keyed by contact; ``"0", "1", ...`` if not given.
-        metric: the factored mass matrix, when the caller already has it: taken if its mass_matrix is this very array.
+        labels: one name per contact, for messages and for restitution keyed by contact; ``"0", "1", ...`` by default.
+        metric: the factored mass matrix, if the caller already has it; used if its mass_matrix is this very array.
         bilateral_jacobian: ``J_eq``, shape (m, nv), redundant rows allowed; None if there are no such constraints.
-        surface_velocity: ``w-``, shape (h,), m/s: the part of ``gamma-`` that is not the bodies' own, positive where
-            a surface recedes; None if all surfaces rest.
-        post_surface_velocity: ``w+``, shape (h,); None where it is w-. A surface whose velocity jumps, as under the
-            blow of a hammer, collides by itself.
+        surface_velocity: ``w-``, shape (h,), m/s: the part of ``gamma-`` that does not come from v-, positive where a
+            surface recedes; None if all surfaces are at rest.
+        post_surface_velocity: ``w+``, shape (h,); None if it equals w-. A surface whose velocity jumps, as under the
+            blow of a hammer, causes a collision by itself.
         friction: rows of friction of these contacts, for `impactlaw.Coulomb`; other laws ignore it.
 
     Raises:
         InvalidCollisionError: shapes do not fit, an entry is not finite, M is not symmetric positive definite, labels
-            are no texts, or there are bilateral constraints, moving surfaces or friction beside sparse arrays.
+            are not strings, or bilateral constraints, moving surfaces or friction are combined with sparse arrays.
     """
 
     mass_matrix: np.ndarray
@@ -107,19 +107,19 @@ class Collision:
 
     @classmethod
     def from_mujoco(cls, model: mujoco.MjModel, data: mujoco.MjData, *, friction: bool = False) -> Collision:
-        """Read the contacts that are closed now, and ``M`` and ``v-``, from a MuJoCo model and its state.
+        """Read the contacts that are closed now, with ``M`` and ``v-``, from a MuJoCo model and its state.
 
-        Equality constraints are its bilateral ones; moving surfaces are left to `impactlaw.Stepper`.
+        Active equality constraints become bilateral constraints. Moving surfaces are not read, only `impactlaw.Stepper`
+        knows their velocities.
 
         Args:
             model: the compiled scene; not changed.
-            data: its state, of which qpos, qvel, mocap poses and which equality constraints are active are read; not
-                changed.
-            friction: whether to read the friction of these contacts, too, for `impactlaw.Coulomb` and
-                `FrictionImpact.observed`. Without it the collision has an admissible set.
+            data: its state; qpos, qvel, mocap poses and the active flags of equality constraints are read; not changed.
+            friction: whether to also read the friction of these contacts, for `impactlaw.Coulomb` and
+                `FrictionImpact.observed`. Without friction the collision has an admissible set.
 
         Raises:
-            SceneError: a contact that is not between two geoms (a flex); or data is of another model.
+            SceneError: a contact is not between two geoms (a flex); or data belongs to another model.
             InvalidCollisionError: the state is not finite.
             OptionError: friction is not True or False.
         """
@@ -133,31 +133,33 @@ class Collision:
     def whitened_jacobian(self) -> np.ndarray:
         """``Y = J R^-T P`` with ``M = R R^T``, shape (h, nv), so that ``G = Y Y^T``.
 
-        P takes off what bilateral constraints fix (`impactlaw.mechanics.bilateral`); without any it is 1.
+        P projects out the directions that bilateral constraints fix (`impactlaw.mechanics.bilateral`); without
+        constraints it is the identity.
         """
         return self._whitened(self.jacobian)
 
     @cached_property
     def whitened_friction(self) -> np.ndarray:
-        """``J_t R^-T P``, shape (k, nv), of the rows of friction, without their coefficients."""
+        """``J_t R^-T P``, shape (k, nv), for the rows of friction, without their coefficients."""
         rows = np.zeros((0, len(self.pre_velocity))) if self.friction is None else self.friction.jacobian
         return self._whitened(rows)
 
     @cached_property
     def cone_rows(self) -> ConeRows:
-        """How the rows of contacts and of their friction are put together."""
+        """The order in which normal rows and rows of friction form the cone problem."""
         h, contact = len(self.labels), np.zeros(0, dtype=int) if self.friction is None else self.friction.contact
         order = np.argsort(np.concatenate([np.arange(h), contact]), kind="stable")
         return ConeRows(order, 1 + np.bincount(contact, minlength=h))
 
     @cached_property
     def without_idle_friction(self) -> Collision:
-        """The collision less friction of contacts that no normal impulse moves, as it meets the axis of a hinge.
+        """The collision without the friction of contacts that no normal impulse can move.
 
-        Any normal impulse would do there, and with it any friction.
+        An example is a contact whose normal meets the axis of a hinge. Its normal impulse would be arbitrary, and with
+        it its friction.
 
         Raises:
-            SolverError: only by its coefficients friction is so much longer than a gap gradient that this is rounding.
+            SolverError: a gap gradient is rounding next to the rows of friction only because coefficients are huge.
         """
         friction = self.friction
         if friction is None or not len(friction):
@@ -183,7 +185,7 @@ class Collision:
 
     @cached_property
     def dense_gradients(self) -> np.ndarray:
-        """``Y`` as an array, (h, nv), for what has no sparse form; `InvalidCollisionError` where it is too large."""
+        """``Y`` as a dense array, (h, nv), for methods without a sparse form; `InvalidCollisionError` if too large."""
         Y: Any = self.whitened_jacobian
         if not is_sparse(Y):
             return Y
@@ -196,7 +198,7 @@ class Collision:
 
     @cached_property
     def whitened_velocity(self) -> np.ndarray:
-        """``R^T v-``, shape (nv,): v- where the kinetic metric is the Euclidean one."""
+        """``R^T v-``, shape (nv,): v- in coordinates in which the kinetic metric is the Euclidean one."""
         return self.metric.whiten(self.pre_velocity)
 
     @cached_property
@@ -212,12 +214,12 @@ class Collision:
 
     @cached_property
     def pre_contact_velocity(self) -> np.ndarray:
-        """``gamma- = J v- + w-``, shape (h,), m/s; read-only: a law that works in place would change the audit."""
+        """``gamma- = J v- + w-``, shape (h,), m/s; read-only, so that a law cannot spoil the checks of its outcome."""
         gamma = self._own_velocity(self.pre_velocity)
         return _kept(gamma if self.surface_velocity is None else gamma + self.surface_velocity)
 
     def _own_velocity(self, velocity: np.ndarray) -> np.ndarray:
-        """Return ``J v``, (h,): contacts that cannot move have none, but its rounding error."""
+        """Return ``J v``, (h,), with 0 instead of the rounding error at contacts that constraints keep from moving."""
         gamma = self.jacobian @ velocity
         if self.bilateral_jacobian is not None and not self.gradient_norms.all():
             lengths = row_lengths(self.metric.whiten_gradients(self.jacobian))
@@ -226,13 +228,13 @@ class Collision:
 
     @cached_property
     def pre_sliding_velocity(self) -> np.ndarray:
-        """``gamma_t- = J_t v- + w_t-``, shape (k,), m/s or rad/s, of the rows of friction; read-only."""
+        """``gamma_t- = J_t v- + w_t-``, shape (k,), m/s or rad/s, for the rows of friction; read-only."""
         if self.friction is None:
             return np.zeros(0)
         return _kept(self.friction.jacobian @ self.pre_velocity + self.friction.surface_velocity)
 
     def part(self, contacts: np.ndarray) -> Collision:
-        """Return the collision of some contacts alone, int (k,), ascending, with their friction."""
+        """Return the collision of some contacts alone, with their friction; the indices, int (k,), are ascending."""
         before, after, friction = self.surface_velocity, self.post_surface_velocity, self.friction
         if friction is not None:
             none = Friction(np.zeros((0, len(self.pre_velocity))), np.zeros(0, dtype=int), np.zeros(0))
@@ -247,7 +249,7 @@ class Collision:
         )
 
     def velocity(self, values: ArrayLike, name: str) -> np.ndarray:
-        """Return a read-only copy of a velocity of the bodies, (nv,); `InvalidCollisionError` names what is none."""
+        """Return a read-only copy of a velocity of the bodies, (nv,); `InvalidCollisionError` if it is not valid."""
         return finite_array(values, name, self.pre_velocity.shape, " like pre_velocity")
 
     def contact_velocity_after(self, velocity: np.ndarray) -> np.ndarray:
@@ -276,9 +278,9 @@ class Collision:
 
     @cached_property
     def frame_rates(self) -> np.ndarray | None:
-        """The part of ``gamma-bar`` that no impulse changes, shape (h,), m/s; None if it is 0.
+        """The part of ``gamma-bar`` that impulses cannot change, shape (h,), m/s; None if it is 0.
 
-        It is ``(w- + w+) / 2``, and the motion along bilateral constraints if those move, ``J_eq v- != 0``.
+        It is ``(w- + w+) / 2``, plus the motion along bilateral constraints if these move, ``J_eq v- != 0``.
         """
         rates, jump = self.surface_velocity, self.surface_jump
         if rates is None and self.bilateral_jacobian is None:
@@ -302,19 +304,19 @@ class Collision:
 
     @property
     def has_frame(self) -> bool:
-        """Whether one velocity of all bodies would move with all surfaces, constant before and after."""
+        """Whether one velocity of the bodies moves with all surfaces, and surface velocities do not jump."""
         return self.frame_rates is None or (self.surface_jump is None and self._frame.is_exact)
 
     @property
     def has_admissible_set(self) -> bool:
-        """Whether S(v-) is for this collision: no friction, and surfaces that move move together."""
+        """Whether S(v-) is defined for this collision: it has no friction, and moving surfaces move together."""
         return self.friction is None and self.has_frame
 
     @cached_property
     def relative_velocity(self) -> np.ndarray:
-        """``P R^T v-`` as seen from the moving surfaces, shape (nv,): with c added where ``Y c`` is the frame rates.
+        """``P R^T v-`` relative to the moving surfaces, shape (nv,): plus the c with ``Y c`` equal to `frame_rates`.
 
-        Where surfaces move against each other c is the velocity that comes nearest to that.
+        Where surfaces move against each other, c is the least-squares solution.
         """
         z = self.whitened_velocity
         if self.frame_rates is None:
@@ -323,7 +325,7 @@ class Collision:
 
     @cached_property
     def pre_speed(self) -> float:
-        """``|v-|`` in the kinetic metric, sqrt(J); as seen from the surfaces where these move and that is more."""
+        """``|v-|`` in the kinetic metric, sqrt(J); relative to moving surfaces if that is larger."""
         z = self.whitened_velocity
         if self.frame_rates is None:
             return sqrt(z @ z)
@@ -349,7 +351,7 @@ def _kept(values: np.ndarray) -> np.ndarray:
 
 
 def checked(collision: object) -> Collision:
-    """Return the collision; `InvalidCollisionError` if it is none."""
+    """Return the argument; raise `InvalidCollisionError` if it is not a `Collision`."""
     if not isinstance(collision, Collision):
         raise InvalidCollisionError(
             f"this takes a Collision, got {collision!r:.100}; Collision(mass, jacobian, velocity) and "

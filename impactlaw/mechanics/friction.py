@@ -14,7 +14,7 @@ from impactlaw.mechanics.arrays import finite_array
 
 
 class ConeRows(NamedTuple):
-    """How normal rows, (h,), and rows of friction, (k,), make the rows of the cone problem, (h + k,)."""
+    """How h normal rows and k rows of friction form the h + k rows of the cone problem."""
 
     order: np.ndarray  # ``[normal rows, rows of friction][order]`` is contact by contact, normal first
     sizes: np.ndarray  # rows of each contact, shape (h,)
@@ -22,7 +22,7 @@ class ConeRows(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Friction:
-    """Rows of friction of some contacts: elliptic cones ``sum (Lambda_k / mu_k)^2 <= Lambda_n^2`` as MuJoCo's.
+    """Rows of friction of some contacts, with elliptic cones ``sum (Lambda_k / mu_k)^2 <= Lambda_n^2`` like MuJoCo's.
 
     The sliding velocities are ``gamma_t = J_t v + w_t``.
 
@@ -30,7 +30,7 @@ class Friction:
         jacobian: ``J_t``, shape (k, nv): tangential rows in m/s, torsional and rolling ones in rad/s.
         contact: the contact that each row belongs to, ascending, shape (k,).
         coefficient: ``mu_k > 0`` of each row, shape (k,); 1, or m for torsion and rolling.
-        surface_velocity: ``w_t-``, shape (k,): the part of ``gamma_t-`` that is not the bodies' own; zeros if None.
+        surface_velocity: ``w_t-``, shape (k,): the part of ``gamma_t-`` that does not come from v-; zeros if None.
         post_surface_velocity: ``w_t+``, shape (k,); ``w_t-`` if None.
 
     Raises:
@@ -68,14 +68,14 @@ class Friction:
         return len(self.contact)
 
     def check(self, contacts: int, nv: int) -> None:
-        """Refuse rows of another length, or of contacts that the collision does not have."""
+        """Raise `InvalidCollisionError` if rows are not of length nv or belong to contacts that do not exist."""
         if self.jacobian.shape[1] != nv:
             raise InvalidCollisionError(f"friction jacobian must have {nv} columns, got {self.jacobian.shape}")
         if len(self) and self.contact[-1] >= contacts:
             raise InvalidCollisionError(f"friction of contact {self.contact[-1]}, but there are {contacts} contacts")
 
     def select(self, indices: ArrayLike) -> Friction | None:
-        """Return the friction of some contacts, none twice, renumbered to 0, 1, ... in this order; None if none has."""
+        """Return the friction of distinct contacts, renumbered 0, 1, ... in this order; None if they have no rows."""
         indices = np.asarray(indices, dtype=int)
         first = np.searchsorted(self.contact, indices, side="left")
         count = np.searchsorted(self.contact, indices, side="right") - first
@@ -87,7 +87,7 @@ class Friction:
         return Friction(self.jacobian[rows], contact, *(part[rows] for part in parts))
 
     def without(self, rows: np.ndarray) -> Friction | None:
-        """Return the friction less some rows, bool (k,); None if none is left."""
+        """Return the friction without the rows marked in bool (k,); None if no row is left."""
         if rows.all():
             return None
         parts = self.jacobian, self.contact, self.coefficient, self.surface_velocity, self.post_surface_velocity

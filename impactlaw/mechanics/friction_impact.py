@@ -1,4 +1,4 @@
-"""An impact with friction: impulses in friction cones, and the checks that need only the outcome."""
+"""An impact with friction: impulses in friction cones, and checks that need only the outcome."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from impactlaw.solvers.problem import Status
 class FrictionImpact(Impact):
     """Velocity after a collision with friction, ``M (v+ - v-) = J^T Lambda + J_t^T Lambda_t``.
 
-    What `Impact` says about normal directions keeps its meaning. Attributes beyond those of `Impact`:
+    The attributes of `Impact` keep their meaning for the normal directions. Further attributes:
 
     Attributes:
         friction_impulse: ``Lambda_t``, shape (k,), N s or N m s, one entry per row of the collision's friction.
-        target_sliding_velocity: ``-e_t gamma_t-`` of the law that decided, shape (k,); None for an observed outcome.
+        target_sliding_velocity: ``-e_t gamma_t-`` of the law, shape (k,); None for an observed outcome.
         restitution_scale: s in [0, 1], by which the law scaled its restitution so that no energy is created; the least
-            one, if contacts that do not influence each other have different ones.
-        exact: exact Coulomb friction, or its convex relaxation.
-        cones: a problem with the cones of this collision, if one is known: it saves making another one.
+            s, if groups of contacts that do not influence each other have different ones.
+        exact: whether friction is exact Coulomb friction, or else its convex relaxation.
+        cones: a cone problem of this collision, if one has been made already, to save work.
     """
 
     friction_impulse: np.ndarray = field(kw_only=True)
@@ -50,9 +50,9 @@ class FrictionImpact(Impact):
         targets: tuple[np.ndarray, np.ndarray] | None = None,
         **more: Any,
     ) -> FrictionImpact:
-        """Return the impact of an impulse of the cone problem, (h + k,), and its jump ``R^T (v+ - v-)``, (nv,).
+        """Return the impact for an impulse of the cone problem, (h + k,), and its jump ``R^T (v+ - v-)``, (nv,).
 
-        The targets are the normal and the sliding velocities aimed at; more is what else the class takes.
+        ``targets`` are the normal and the sliding velocities that the law aims at; ``more`` are further attributes.
         """
         friction, h = _friction(collision), len(collision.labels)
         parts = np.empty(len(impulse))
@@ -72,10 +72,10 @@ class FrictionImpact(Impact):
     def observed(
         cls, collision: Collision, post_velocity: ArrayLike, *, near: FrictionImpact | None = None
     ) -> FrictionImpact:
-        """Audit an outcome that came from anywhere, as `Impact.observed`, with friction.
+        """Audit an outcome with friction from any source, see `Impact.observed`.
 
-        The impulse is one in the friction cones that comes nearest to the velocity jump, not unique where contacts are
-        redundant. The search for it begins at the impulse of an impact nearby, if one is known.
+        The impulse is one in the friction cones whose velocity jump is nearest to the observed jump; it is not unique
+        where contacts are redundant. The search starts from the impulse of the impact ``near``, if given.
 
         Raises:
             InvalidCollisionError: post_velocity does not fit, or the collision has no friction.
@@ -91,7 +91,7 @@ class FrictionImpact(Impact):
 
     @property
     def cone_impulse(self) -> np.ndarray:
-        """Impulse contact by contact, the normal one first, along tangents divided by friction's coefficient, (n,)."""
+        """Impulse of the cone problem, (n,): contact by contact, normal part first, friction divided by mu."""
         along = self.friction_impulse / _friction(self.collision).coefficient
         return np.concatenate([self.impulse, along])[self.collision.cone_rows.order]
 
@@ -108,27 +108,27 @@ class FrictionImpact(Impact):
 
     @cached_property
     def surface_work(self) -> float:
-        """``T+ - T-`` less what `work` says, J: the work of moving surfaces, and of moving bilateral constraints."""
+        """``T+ - T-`` less `work`, J: the work of moving surfaces and of moving bilateral constraints."""
         return self.energy_change - self.work
 
     @cached_property
     def work(self) -> float:
-        """``Lambda^T gamma_bar + Lambda_t^T gamma_bar_t``, J: of all impulses of contact; positive is creation."""
+        """``Lambda^T gamma_bar + Lambda_t^T gamma_bar_t``, J: the work of contact impulses; positive creates energy."""
         sliding = 0.5 * (self.pre_sliding_velocity + self.post_sliding_velocity)
         return float(self.impulse @ self.mean_contact_velocity + self.friction_impulse @ sliding)
 
     @cached_property
     def work_after_jump(self) -> float:
-        """`work`, with surfaces whose velocity jumps at w+ and w_t+ from the start, J; without a jump it is `work`.
+        """`work` computed with w+ and w_t+ from the start for surfaces whose velocity jumps, J.
 
-        Friction opposes sliding at w_t+, so that this is what E = 0 never creates. `work` with a jump can be positive
-        then: a rod that slides on a table and is struck by it may slide back a little.
+        Friction opposes sliding relative to w_t+, so with E = 0 this work is never positive. `work` itself can be: a
+        rod that slides on a table and is struck by it may slide back a little.
         """
         return float(self.work_of_each.sum())
 
     @cached_property
     def work_of_each(self) -> np.ndarray:
-        """What each contact adds to `work_after_jump`, shape (h,), J."""
+        """The contribution of each contact to `work_after_jump`, shape (h,), J."""
         c, friction, mean = self.collision, _friction(self.collision), self.mean_contact_velocity
         if c.surface_jump is not None:
             mean = mean + 0.5 * c.surface_jump
@@ -138,9 +138,9 @@ class FrictionImpact(Impact):
 
     @cached_property
     def violations(self) -> Violations:
-        """As of `Impact`, of friction cones, with `work_after_jump` gained.
+        """Violations as in `Impact`, with friction cones for the impulses and `work_after_jump` as the energy gain.
 
-        They are compared with the speed at which moving surfaces slide, where that is larger than ``|v-|``.
+        Their scale is the sliding speed of moving surfaces if that is larger than ``|v-|``.
         """
         c, gain = self.collision, self.work_after_jump
         speed = max(c.pre_speed, self._problem.scale)
@@ -148,11 +148,12 @@ class FrictionImpact(Impact):
 
     @cached_property
     def residual(self) -> float:
-        """Certificate, relative to the speed: of momentum, the cones, and a law's complementarity if one decided.
+        """Certificate, relative to the speed: the largest error of momentum, cones and complementarity of the law.
 
-        The last is the length of the natural map ``Lambda - P_K(Lambda - u - |u_t| e_n)`` in units of the kinetic
-        metric, with ``u = (gamma+ - gamma^h, mu (gamma_t+ + e_t gamma_t-))`` contact by contact (exact friction; the
-        relaxation has no ``|u_t|`` there).
+        The complementarity, checked if the outcome is that of a law, is measured by the length of the natural map
+        ``Lambda - P_K(Lambda - u - |u_t| e_n)`` in units of the kinetic metric, with
+        ``u = (gamma+ - gamma^h, mu (gamma_t+ + e_t gamma_t-))`` contact by contact (for exact friction; the relaxation
+        has no ``|u_t|``).
         """
         problem, friction = self._problem, _friction(self.collision)
         error = self._cone_error
@@ -176,7 +177,7 @@ class FrictionImpact(Impact):
 
     @property
     def _cone_error(self) -> float:
-        """The larger of the distances of impulses from their cones, and of the jump from what they make, sqrt(J)."""
+        """The larger of two distances, sqrt(J): of the impulses from their cones, and of the jump from their effect."""
         x = self._scaled_impulse
         gap = float(np.linalg.norm(self.whitened_jump - x.reshape(-1) @ self._problem.rows))
         imbalance = beyond_rounding(gap, float(np.abs(x).sum()), self._speed)
@@ -184,7 +185,7 @@ class FrictionImpact(Impact):
 
 
 def cone_gradients(collision: Collision) -> np.ndarray:
-    """Return the rows of the cone problem, contact by contact, those of friction times coefficients, (h + k, nv)."""
+    """Return the rows of the cone problem, contact by contact, with friction rows multiplied by mu, (h + k, nv)."""
     friction = _friction(collision)
     tangential = collision.whitened_friction * friction.coefficient[:, None]
     return np.vstack([collision.whitened_jacobian, tangential])[collision.cone_rows.order]
@@ -198,9 +199,10 @@ def cone_problem(
     exact: bool = True,
     known: ConeProblem | None = None,
 ) -> ConeProblem:
-    """Return the problem of reaching normal velocities, (h,), and sliding velocities, (k,), that a law aims at, or 0.
+    """Return the cone problem for target normal velocities, (h,), and target sliding velocities, (k,).
 
-    ``u_n = gamma+ - normal``, ``u_t = mu (gamma_t+ - sliding)``. A known problem of these contacts saves half the work.
+    ``u_n = gamma+ - normal``, ``u_t = mu (gamma_t+ - sliding)``. ``known``, an earlier problem of the same contacts,
+    saves half the work.
     """
     friction = _friction(collision)
     order, sizes = collision.cone_rows

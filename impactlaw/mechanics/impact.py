@@ -16,19 +16,20 @@ from impactlaw.solvers import Answer, Problem, nonnegative_combination, share
 
 @dataclass(frozen=True, eq=False)
 class Impact:
-    """Velocity after a collision and the impulse that leads there, ``M (v+ - v-) = J^T Lambda``.
+    """The velocity after a collision and the impulse that causes it, ``M (v+ - v-) = J^T Lambda``.
 
-    All entities are those of Aeberhard and Glocker, "Perfect multi-contact collisions".
+    All quantities are defined as in Aeberhard and Glocker, "Perfect multi-contact collisions".
 
     Attributes:
-        collision: what collided.
+        collision: the collision.
         post_velocity: ``v+``, shape (nv,).
         found_impulse: an impulse that leads to v+, shape (h,), N s.
-        target_contact_velocity: ``gamma^h`` of the law that decided, shape (h,), m/s; None for an observed outcome.
-        least_impulse: a part of the impulse that the law decides beforehand, shape (h,), N s; None if it is 0. Under
-            Poisson's law it is ``(1 + e) Lambda_C``, and what goes beyond that is of least norm.
-        compression: the first phase of an impact with two; None if it has one.
-        problem: if given, redundant contacts have yet to share the impulse of `answer`, which solves it.
+        target_contact_velocity: ``gamma^h`` of the law, shape (h,), m/s; None for an observed outcome.
+        least_impulse: a part of the impulse that the law fixes beforehand, shape (h,), N s; None if it is 0. Under
+            Poisson's law it is ``(1 + e) Lambda_C``, and the impulse beyond it is of least norm.
+        compression: the first phase of an impact that has two phases; else None.
+        problem: if given, redundant contacts do not share the impulse of `answer`, its solution, until `impulse` is
+            asked for.
         answer: see `problem`.
     """
 
@@ -43,28 +44,29 @@ class Impact:
 
     @classmethod
     def solved(cls, collision: Collision, problem: Problem, answer: Answer, target: np.ndarray) -> Impact:
-        """Return the impact of a law from the answer to its problem."""
+        """Return the impact that follows from the answer to the problem of a law."""
         v = collision.pre_velocity + collision.metric.unwhiten(answer.jump)
         return cls(collision, v, answer.impulse, target, problem=problem, answer=answer)
 
     @cached_property
     def impulse(self) -> np.ndarray:
-        """``Lambda``, shape (h,), N s; the one of least Euclidean norm where contacts are redundant."""
+        """``Lambda``, shape (h,), N s; of least Euclidean norm where contacts are redundant."""
         if self.problem is None or self.answer is None:
             return self.found_impulse
         return share(self.problem, self.answer).impulse
 
     @classmethod
     def observed(cls, collision: Collision, post_velocity: ArrayLike) -> Impact:
-        """Audit an outcome that came from anywhere: a measurement, another engine, MuJoCo itself.
+        """Audit an outcome from any source: a measurement, another engine, MuJoCo itself.
 
-        The impulse is the one, of least norm, that comes nearest to the velocity jump in the kinetic metric,
-        ``min |v+ - v- - M^-1 J^T Lambda|, Lambda >= 0``; what is left over is ``violations.kinetic``.
-        Friction is left out, which that would show; `FrictionImpact.observed` knows it.
+        The impulse is the one of least norm among those whose velocity jump is nearest to the observed jump in the
+        kinetic metric, ``min |v+ - v- - M^-1 J^T Lambda|, Lambda >= 0``; the remaining distance is
+        ``violations.kinetic``. Friction of the collision is not considered, so friction impulses count as a kinetic
+        violation; `FrictionImpact.observed` takes it into account.
 
         Raises:
-            InvalidCollisionError: it is no `Collision`, or post_velocity has the wrong shape or entries that are not
-                finite.
+            InvalidCollisionError: the argument is not a `Collision`, or post_velocity has the wrong shape or entries
+                that are not finite.
         """
         v = checked(collision).velocity(post_velocity, "post_velocity")
         jump = collision.metric.whiten(v - collision.pre_velocity)
@@ -97,7 +99,7 @@ class Impact:
 
     @cached_property
     def topology(self) -> np.ndarray:
-        """``alpha = Lambda / |Lambda|_1``, shape (h,); zeros when nothing collided."""
+        """``alpha = Lambda / |Lambda|_1``, shape (h,); zeros if there is no impulse."""
         total = self.induced_impulse
         return self.impulse / total if total > 0 else np.zeros_like(self.impulse)
 
@@ -113,7 +115,7 @@ class Impact:
 
     @cached_property
     def surface_work(self) -> float:
-        """``-Lambda^T (w- + w+) / 2``, J: the work of moving surfaces; of bilateral constraints too, if they move."""
+        """``-Lambda^T (w- + w+) / 2``, J: the work of moving surfaces, and of bilateral constraints if they move."""
         rates = self.collision.frame_rates
         return 0.0 if rates is None else -float(self.impulse @ rates)
 
@@ -131,7 +133,7 @@ class Impact:
 
     @cached_property
     def violations(self) -> Violations:
-        """How far v+ is outside of each of the three sets whose intersection is S(v-)."""
+        """The distances of v+ from the three sets whose intersection is S(v-)."""
         c, jump = self.collision, self.whitened_jump
         return measured(c, jump, self.post_contact_velocity, *pushed(c, jump, self.found_impulse), c.pre_speed)
 
@@ -139,11 +141,11 @@ class Impact:
     def residual(self) -> float:
         """Certificate, relative to the larger of ``|v-|`` and ``|v+|``, from v+, Lambda and the collision alone.
 
-        The largest of ``|M (v+ - v-) - J^T Lambda|`` (dual kinetic norm, beyond the rounding of Lambda itself) and, per
-        contact, the negative part of ``Lambda_i sqrt(G_ii)`` and, when a law decided, the natural map
-        ``min(Lambda_i sqrt(G_ii), (gamma+_i - gamma^h_i) / sqrt(G_ii))`` of its complementarity
-        ``0 <= Lambda_i  ⊥  gamma+_i - gamma^h_i >= 0``. Under Poisson's law ``Lambda - (1 + e) Lambda_C`` takes the
-        place of Lambda there, and the residual of the compression counts too.
+        It is the largest of ``|M (v+ - v-) - J^T Lambda|`` (dual kinetic norm, beyond the rounding of Lambda itself)
+        and, for each contact, the negative part of ``Lambda_i sqrt(G_ii)`` and, if the outcome is that of a law, the
+        natural map ``min(Lambda_i sqrt(G_ii), (gamma+_i - gamma^h_i) / sqrt(G_ii))`` of its complementarity
+        ``0 <= Lambda_i  ⊥  gamma+_i - gamma^h_i >= 0``. Under Poisson's law ``Lambda - (1 + e) Lambda_C`` replaces
+        Lambda in the natural map, and the residual of the compression counts, too.
         """
         c = self.collision
         scale = c.gradient_norms

@@ -14,8 +14,8 @@ from impactlaw.mechanics.arrays import finite_array
 from impactlaw.mechanics.tolerances import SYMMETRY
 
 _ROW_BY_ROW = 1e5
-"""Multiplications up to which rows are solved one by one: for several at once the BLAS starts threads, which costs
-milliseconds where another process keeps the cores busy."""
+"""Multiplications up to which rows are solved one by one: for many rows at once the BLAS starts threads, which can cost
+milliseconds while another process keeps the cores busy."""
 
 
 class KineticMetric:
@@ -23,7 +23,7 @@ class KineticMetric:
 
     ``whiten(v) = R^T v`` has ``|whiten(v)| = sqrt(v^T M v)``; gradients go the other way, so that
     ``whiten_gradients(J) @ whiten(v) = J v`` and ``Y Y^T = J M^-1 J^T`` for ``Y = whiten_gradients(J)``.
-    Working with ``Y`` instead of ``G = Y Y^T`` keeps half of the digits that forming ``G`` would lose.
+    Working with ``Y`` instead of ``G = Y Y^T`` avoids half of the loss of digits that forming ``G`` causes.
 
     Args:
         mass_matrix: symmetric positive definite, shape (nv, nv).
@@ -75,7 +75,7 @@ class KineticMetric:
 
 
 def check_symmetry(M: Any) -> None:
-    """Refuse a mass matrix, also a sparse one, that is not symmetric but for rounding."""
+    """Raise `InvalidCollisionError` if a dense or sparse mass matrix is not symmetric up to rounding."""
     difference, scale = scipy.sparse.coo_array(M - M.T), np.sqrt(M.diagonal())
     i, j = difference.coords
     wrong = np.flatnonzero(np.abs(difference.data) > SYMMETRY * scale[i] * scale[j])
@@ -87,8 +87,8 @@ def check_symmetry(M: Any) -> None:
 
 
 def _solve(factor: np.ndarray, rows: np.ndarray, *, transposed: int) -> np.ndarray:
-    """Solve ``R^T x = row`` (or ``R x = row``), R^T given, for one row (nv,) or several (n, nv)."""
-    if rows.ndim == 1:  # increment 1, offset 0, not the lower triangle: dtrsv takes names at twice the time
+    """Solve ``R^T x = row``, or transposed ``R x = row``, given R^T, for one row (nv,) or several (n, nv)."""
+    if rows.ndim == 1:  # increment 1, offset 0, not the lower triangle: keywords would double the time of the call
         return scipy.linalg.blas.dtrsv(factor, rows, 1, 0, 0, transposed)
     if rows.size * len(factor) > _ROW_BY_ROW:
         return scipy.linalg.lapack.dtrtrs(factor, rows.T, trans=transposed)[0].T

@@ -1,6 +1,6 @@
-"""Contacts that are springs ``f = k d^p`` for a moment: the collision as it goes on in time, compiled.
+"""Compiled time integration of a collision whose contacts are springs ``f = k d^p``.
 
-All that is compiled is in this one file, so that numba's cache on disk is renewed whenever it changes.
+All compiled functions are in this one file, so that numba's cache on disk is renewed whenever it changes.
 """
 
 from __future__ import annotations
@@ -14,26 +14,26 @@ _A1, _A2, _A3 = 0.0792036964311957, 0.353172906049774, -0.0420650803577195
 _B1, _B2 = 0.209515106613362, -0.143851773179818
 _DRIFT = (_A1, _A2, _A3, 1.0 - 2.0 * (_A1 + _A2 + _A3), _A3, _A2, _A1)
 _KICK = (_B1, _B2, 0.5 - _B1 - _B2, 0.5 - _B1 - _B2, _B2, _B1)
-_GRADED = 0.3  # part of the time since it touched by which a contact with a fractional exponent may go on in a step
-_SHORTEST = 2e-3  # least step at such a contact, relative to the usual one
-_FELT = 1e-5  # impulse of a step, relative to all, from which that matters
-_ROUNDING = 1e-13  # of speeds and lengths, relative to the largest ones
-_NEAR = 1e-12  # part of a step by which an event may be missed
-_LOCATED = 80  # steps of the search for an event within a step
+_GRADED = 0.3  # step after a contact with a fractional exponent has closed, relative to the time since it closed
+_SHORTEST = 2e-3  # least step near such a contact, relative to the usual step
+_FELT = 1e-5  # impulse of a step, relative to the total, from which shorter steps are needed there
+_ROUNDING = 1e-13  # rounding of speeds and lengths, relative to the largest ones
+_NEAR = 1e-12  # tolerance of event location, relative to the step
+_LOCATED = 80  # most iterations of the location of an event
 MOST_STEPS = 1_000_000
-"""Steps in time after which a collision that has not ended is given up."""
+"""Most time steps of a collision; one that has not ended by then is given up."""
 
 
 @compiled()
 def _force(d, reached, k, p, plastic, force):
-    """Write the forces of springs compressed by d, (h,), that were compressed by ``reached``, (h,), before."""
+    """Write the forces of springs compressed by d, (h,), whose largest compression so far is ``reached``, (h,)."""
     for i in range(len(d)):
         x, r = d[i], reached[i]
         rest = plastic * r
         if x <= rest:
             force[i] = 0.0
             continue
-        if x < r:  # on the way back, and in again
+        if x < r:  # unloading, or loading again
             x = r * (x - rest) / (r - rest)
         if p == 1.0:
             force[i] = k[i] * x
@@ -63,10 +63,10 @@ def _advance(d, y, impulse, reached, G, k, p, plastic, h, force):
 
 @compiled()
 def _passed(d, y, d0, y0, reached, plastic):
-    """Return how far a step has gone beyond the first event in it, as a share of the step; 0 if there is none.
+    """Return how far a step has gone beyond its first event, as a fraction of the step; 0 if it has no event.
 
-    Events are a contact that closes or opens, one that begins to open after it was compressed farther than ever, and
-    one that is about to be compressed farther again. With elastic springs only the first matter.
+    Events are a contact that closes or opens, one that begins to unload at a new largest compression, and one that is
+    loaded again beyond its largest compression. With elastic springs only the first kind matters.
     """
     most = 0.0
     for i in range(len(d)):
@@ -85,7 +85,7 @@ def _passed(d, y, d0, y0, reached, plastic):
 
 @compiled()
 def _bounded(G, stiffness, step):
-    """Return ``step`` over a bound of the largest frequency of contacts of these stiffnesses; infinite if all are 0."""
+    """Return ``step`` over a bound on the largest frequency for these stiffnesses; infinite if all are 0."""
     fastest = 0.0
     for i in range(len(stiffness)):
         row = 0.0
@@ -97,7 +97,7 @@ def _bounded(G, stiffness, step):
 
 @compiled()
 def _timestep(d, y, reached, deepest, G, k, p, plastic, step):
-    """Return the timestep, for the contacts that are closed and those that close within it."""
+    """Return the time step for the contacts that are closed and those that will close within it."""
     n = len(d)
     stiffness, closed = np.zeros(n), np.zeros(n)
     for i in range(n):
@@ -127,7 +127,7 @@ def _timestep(d, y, reached, deepest, G, k, p, plastic, step):
 
 @compiled()
 def _flight(d, y, reached, plastic):
-    """Return the time to the next contact of contacts that are all open, infinite if there is none; -1 if not all."""
+    """Return the time until the first of all open contacts closes, infinite if none will; -1 if one is closed now."""
     time = np.inf
     for i in range(len(d)):
         gap = plastic * reached[i] - d[i]
@@ -185,10 +185,10 @@ def _collide(G, y, k, p, plastic, deepest, step):
 
 @compiled()
 def spring_impulses(G, velocities, stiffness, exponent, plastic, deepest, step):
-    """Return the impulses of collisions of contacts ``f = k d^p``, (m, n), and the steps of each, (m,); -1 if too many.
+    """Return the impulses, (m, n), of collisions with ``f = k d^p``, and their numbers of steps, (m,); -1 if too many.
 
-    Contacts close at ``velocities``, (m, n), all at d = 0; ``d' = -gamma`` and ``gamma' = G f``. On the way back a
-    spring that was compressed by r is shorter: its force ends at ``d = plastic r``.
+    All contacts start at d = 0 with ``velocities``, (m, n); ``d' = -gamma`` and ``gamma' = G f``. A spring that was
+    compressed by r keeps a part of it: while it unloads its force ends at ``d = plastic r``.
 
     Args:
         G: Delassus matrix, (n, n), with ones on its diagonal.
@@ -196,8 +196,8 @@ def spring_impulses(G, velocities, stiffness, exponent, plastic, deepest, step):
         stiffness: k, (n,).
         exponent: p of at least 1.
         plastic: ``1 - e^2``.
-        deepest: bounds of d, (m, n).
-        step: timestep, in units of one over the largest frequency.
+        deepest: bounds on d, (m, n).
+        step: time step times the largest frequency.
     """
     m, n = velocities.shape
     impulses, steps = np.zeros((m, n)), np.zeros(m, np.int64)

@@ -1,14 +1,14 @@
-"""The tolerances of mechanics: name, value, unit, reason. Those without a unit are ratios."""
+"""Tolerances of mechanics: name, value, unit, reason. Tolerances without a unit are ratios."""
 
-SYMMETRY = 1e-10  # asymmetry of M above which it is taken for a mistake, not for rounding
-SIGNIFICANT = 1e-9  # part of |v-| below which a velocity or a scaled impulse is rounding when signs are asked for
+SYMMETRY = 1e-10  # asymmetry of M above which it is a mistake and not rounding
+SIGNIFICANT = 1e-9  # part of |v-| up to which a velocity or a scaled impulse is rounding and has no sign
 
-IDLE = 1e-10  # part of a contact's longest gradient of friction up to which its gap gradient is rounding
+IDLE = 1e-10  # length of a gap gradient, relative to the contact's longest friction gradient, up to which it is 0
 
 # --- Bilateral constraints and moving surfaces. -----------------------------------------------------------------------
-FIXED = 1e-12  # part of a gradient or velocity that is rounding after a projection that takes off the rest
-VELOCITY_RANK = 1e-12  # singular value up to which a direction is not used
-REACHED = 1e-11  # part of the contact velocities that a velocity of the bodies may miss
+FIXED = 1e-12  # length of a gradient or velocity after projection, relative to before, up to which it is rounding
+VELOCITY_RANK = 1e-12  # relative singular value up to which a direction is not used
+REACHED = 1e-11  # relative error up to which a velocity of the bodies has the given contact velocities
 
 # --- The set S(v-), in which lengths are divided by its smallest jump |p - v-|. ---------------------------------------
 SET_RANK = 1e-10  # singular value up to which unit gradients are dependent; rounding divided by this is 1e-6
@@ -18,6 +18,6 @@ TIGHT = 1e-11  # slack of a constraint that counts as 0
 NEAR = 1e-9  # slack of a computed corner that may be one
 FLAT = 1e-9  # width below which the set has no extent in a direction
 SET_ROUNDING = 1e-15  # rounding of a length of one
-VANISHING = 1e-13  # part of a vector that is left of it by rounding
+VANISHING = 1e-13  # rate of a constraint, relative to the move, up to which it is rounding
 ON_FACET = 1e-11  # coefficient of unit gradients, or offset of a facet, that is rounding
 PULL = 4e-15  # pull on a generator of a cone, relative to the point, that counts as 0

@@ -1,4 +1,4 @@
-"""The set of possible right-velocities: what any impact law without pulling, penetration and energy gain can reach."""
+"""The set of possible right-velocities: the outcomes without pulling, penetration and energy gain."""
 
 from __future__ import annotations
 
@@ -25,30 +25,30 @@ class AdmissibleSet:
     """``S(v-) = {v : J v >= 0, v = v- + M^-1 J^T Lambda, Lambda >= 0, |v| <= |v-|}``, lengths in the kinetic metric.
 
     No penetration, no pulling, no energy gain (Aeberhard and Glocker, "Perfect multi-contact collisions"). S is convex
-    and never empty: it holds the point p of maximal dissipation, the point of least energy. It is ``{v-}`` when
-    nothing approaches, ``gamma- >= 0``.
+    and never empty: it contains p, the point of maximal dissipation, which has the least energy. It is ``{v-}`` if no
+    contact closes, ``gamma- >= 0``.
 
-    `contains` works for any collision. The rest needs the facets of the cone of the gradients, and raises
-    `EnumerationError` where contacts are so redundant that there are too many (`cone.MAX_FACETS`): 16 contacts of rank
-    12 are still listed. A velocity, direction or tolerance that does not fit raises `InvalidCollisionError`.
+    `contains` works for any collision. The other methods need the facets of the cone of the gradients, and raise
+    `EnumerationError` if contacts are so redundant that there are too many facets (`cone.MAX_FACETS`); 16 contacts of
+    rank 12 are still possible. An invalid velocity, direction or tolerance raises `InvalidCollisionError`.
 
-    Results are accurate to rounding, relative to ``|v-|``, times the condition number of the gradients of unit length.
-    Where that leaves no digits, `SolverError` is raised.
+    The relative error of results, compared with ``|v-|``, is rounding times the condition number of the gradients of
+    unit length. If no digits are left, `SolverError` is raised.
 
-    Where surfaces move together, S is meant as seen from them: ``J v + w >= 0``, and no energy gain beyond their work.
+    If surfaces move together, S is defined relative to them: ``J v + w >= 0``, and no energy gain beyond their work.
 
     Attributes:
         collision: the `Collision`, with ``M``, ``J`` and ``v-``.
 
     Raises:
-        InvalidCollisionError: it is no `Collision`; contacts have friction; or surfaces move against each other, or
-            their velocity jumps: the ball of S has no center.
+        InvalidCollisionError: the argument is not a `Collision`; contacts have friction; or surfaces move against each
+            other or their velocity jumps, so that the ball of S has no center.
     """
 
     collision: Any
 
     def __post_init__(self):
-        if not hasattr(type(self.collision), "admissible_set"):  # `Collision` is not known here
+        if not hasattr(type(self.collision), "admissible_set"):  # the module of `Collision` imports this one
             raise InvalidCollisionError(f"S(v-) is that of a Collision, got {self.collision!r:.100}")
         if self.collision.friction is not None:
             raise InvalidCollisionError(
@@ -73,7 +73,7 @@ class AdmissibleSet:
         return self.collision.metric.norm(self.collision.velocity(v, "v") - self.project(v))
 
     def project(self, v: ArrayLike) -> np.ndarray:
-        """Return the point of S nearest to v in the kinetic metric, shape (nv,); a member is its own."""
+        """Return the point of S nearest to v in the kinetic metric, shape (nv,); for a member of S that is v."""
         c, v = self.collision, self.collision.velocity(v, "v")
         if self._body is None:
             return c.pre_velocity.copy()
@@ -81,7 +81,7 @@ class AdmissibleSet:
         return self._velocity_at(self._least * self._body.nearest(x))
 
     def support(self, direction: ArrayLike) -> float:
-        """Return ``max <u, v> = u^T M v`` over v in S, for a direction u, (nv,), of any length."""
+        """Return ``max <u, v>`` over v in S, with ``<u, v> = u^T M v``, for a direction u, (nv,), of any length."""
         c = self.collision
         u = c.metric.whiten(c.velocity(direction, "direction"))
         start = float(u @ c.whitened_velocity)
@@ -90,17 +90,17 @@ class AdmissibleSet:
         if self._body is None or length == 0.0:
             return start
         jump = self._least * self._body.extreme(along / length)
-        self._velocity_at(jump)  # for its certificate
+        self._velocity_at(jump)  # checks the certificate
         return start + float(along @ jump)
 
     def sample(self, n: int, rng: np.random.Generator | int) -> np.ndarray:
         """Return n independent velocities, uniform in S, shape (n, nv), from a generator or a seed for one.
 
-        Uniform is meant with respect to the volume that the kinetic metric has on the affine hull of S, which may be
-        a point, a segment or anything up to the rank of J.
+        Uniform refers to the volume of the kinetic metric on the affine hull of S, whose dimension is between 0, a
+        point, and the rank of J.
 
         Raises:
-            InvalidCollisionError: n is no whole number, or negative, or rng neither a generator nor a seed.
+            InvalidCollisionError: n is not a whole number or negative, or rng is neither a generator nor a seed.
         """
         check_number(n)
         generator = generator_of(rng)
@@ -111,9 +111,10 @@ class AdmissibleSet:
     def intensity_range(self) -> tuple[float, float]:
         """Return the least and the largest ``rho = |v - v-|`` over v in S, sqrt(J).
 
-        The least is ``|p - v-|``, p being the point of maximal dissipation. No energy gain bounds the largest by twice
-        that, which only Moreau's elastic ``2 p - v-`` reaches, always in S where ``gamma- <= 0``. Where it is not in S,
-        the largest is found by a search through the faces of S: `EnumerationError` if these are too many.
+        The least is ``|p - v-|``, where p is the point of maximal dissipation. The largest is at most twice that, since
+        energy does not grow; only Moreau's elastic outcome ``2 p - v-`` reaches it, which is in S if ``gamma- <= 0``.
+        If it is not in S, the largest is found by a search through the faces of S, with `EnumerationError` if there are
+        too many.
         """
         if self._body is None:
             return 0.0, 0.0
@@ -137,7 +138,7 @@ class AdmissibleSet:
 
     @cached_property
     def _unit_gradients(self) -> np.ndarray:
-        """The gradients that are not zero, of unit length in the kinetic metric."""
+        """The nonzero gradients, scaled to unit length in the kinetic metric."""
         c = self.collision
         moving = c.gradient_norms > 0
         return c.dense_gradients[moving] / c.gradient_norms[moving, None]
@@ -149,13 +150,14 @@ class AdmissibleSet:
 
     @cached_property
     def _body(self) -> CappedPolyhedron | None:
-        """S as ``x = R^T (v - v-) / |p - v-|`` in the span of the gradients; None when S is the point v-.
+        """S in coordinates ``x = R^T (v - v-) / |p - v-|`` of the span of the gradients; None if S is the point v-.
 
-        There ``J v >= 0`` is ``Y x >= -gamma- / |p - v-|``, and ``|v| <= |v-|`` is a ball around ``-R^T v- / |p - v-|``
-        through 0. A contact with ``gamma- > 2 |p - v-|`` (in units of its gradient) stays open anyway.
+        In x, ``J v >= 0`` becomes ``Y x >= -gamma- / |p - v-|``, and ``|v| <= |v-|`` a ball around
+        ``-R^T v- / |p - v-|`` whose sphere passes through 0. A contact with ``gamma- > 2 |p - v-|``, in units of the
+        length of its gradient, stays open anyway and is left out.
         """
         c = self.collision
-        self._velocity_at(self._least_jump)  # for its certificate
+        self._velocity_at(self._least_jump)  # checks the certificate
         if self._least <= POINT * c.pre_speed:
             return None
         moving = c.gradient_norms > 0
@@ -171,7 +173,7 @@ class AdmissibleSet:
         )
 
     def _velocity_at(self, jump: np.ndarray) -> np.ndarray:
-        """Return the velocity, or velocities, with this jump in the basis, (r,) or (n, r); certifies up to eight."""
+        """Return the velocity, or n velocities, for jumps in the basis, (r,) or (n, r); certify the first eight."""
         c = self.collision
         v = c.pre_velocity + c.metric.unwhiten(jump @ self._basis)
         if not all(self.contains(one, SET_CERTIFIED) for one in np.atleast_2d(v)[:8]):

@@ -16,15 +16,15 @@ from impactlaw.solvers import nonnegative_combination
 from impactlaw.solvers.least_squares import row_span
 
 MAX_FACES = 100_000
-"""Most sets of constraints that `CappedPolyhedron.farthest` looks at."""
+"""Most sets of active constraints that `CappedPolyhedron.farthest` examines."""
 _TRIES = 200
 
 
 @dataclass(frozen=True, eq=False)
 class CappedPolyhedron:
-    """``{x in R^r : A x >= b, |x - center| <= |center|}``, of size about one.
+    """The set ``{x in R^r : A x >= b, |x - center| <= |center|}``, scaled to a size of about one.
 
-    Methods raise `SolverError` where their iteration does not end.
+    Methods raise `SolverError` if their iteration does not converge.
     """
 
     normals: np.ndarray  # ``A``, unit rows, shape (m, r)
@@ -33,11 +33,11 @@ class CappedPolyhedron:
     inside: np.ndarray  # a point of the polyhedron in the interior of the ball, shape (r,)
 
     def excess(self, x: np.ndarray) -> np.ndarray:
-        """Return ``|x - center|^2 - |center|^2``, negative in the ball, of one point (r,) or several (n, r)."""
+        """Return ``|x - center|^2 - |center|^2``, negative in the ball, for one point (r,) or several (n, r)."""
         return np.einsum("...i,...i", x, x - 2.0 * self.center)
 
     def has(self, x: np.ndarray, tol: float = 0.0) -> np.ndarray:
-        """Whether one point (r,) or several (n, r) keep every constraint up to ``tol``."""
+        """Whether one point (r,) or each of several (n, r) satisfies every constraint up to ``tol``."""
         allowed = 2.0 * tol * np.linalg.norm(self.center)
         return (self.excess(x) <= allowed) & (x @ self.normals.T >= self.offsets - tol).all(axis=-1)
 
@@ -65,10 +65,10 @@ class CappedPolyhedron:
         return self._last_in_ball(self.center, direction, 0.0, np.inf)
 
     def farthest(self) -> np.ndarray:
-        """Return a point of the set farthest from the origin, (r,); `EnumerationError` where faces are too many.
+        """Return a point of the set farthest from the origin, (r,); `EnumerationError` if it has too many faces.
 
-        ``|x|^2`` is convex, so the point is a vertex, or on the sphere, where ``|x|^2 = 2 center^T x`` is linear and
-        has two stationary points per face (or is constant there, and then any point will do).
+        ``|x|^2`` is convex, so the point is a vertex, or on the sphere. On the sphere ``|x|^2 = 2 center^T x`` is
+        linear, with two stationary points per face, unless it is constant on the face; then any point will do.
         """
         r, met, count = len(self.center), [], 0
         for i, normal in enumerate(self.normals):
@@ -87,7 +87,7 @@ class CappedPolyhedron:
         return best
 
     def _stationary(self, rows: np.ndarray) -> np.ndarray:
-        """On each flat ``A[rows] x = b[rows]``: the point nearest to 0, and on the sphere the extremes of |x|."""
+        """Return for each flat ``A[rows] x = b[rows]`` its point nearest to 0 and the extremes of |x| on the sphere."""
         A, b = self.normals[rows], self.offsets[rows]
         inverse = np.linalg.pinv(A, rcond=SET_RANK)
 
@@ -102,7 +102,7 @@ class CappedPolyhedron:
         reach[constant] = 0.0
         length = np.linalg.norm(along, axis=1, keepdims=True)
         along = np.divide(along, length, out=np.zeros_like(along), where=length > TIGHT)
-        # foot + s along is on the sphere where s^2 - 2 reach s = depth
+        # foot + s along is on the sphere if s^2 - 2 reach s = depth
         depth = -self.excess(foot)
         s = reach + np.sqrt(np.maximum(reach**2 + depth, 0.0))
         other = -np.divide(depth, s, out=np.zeros_like(s), where=s > 0)
@@ -111,8 +111,8 @@ class CappedPolyhedron:
     def _last_in_ball(self, base: np.ndarray, ray: np.ndarray, low: float, high: float) -> np.ndarray:
         """Return the polyhedron's point nearest to ``base + t ray``, for the last t in [low, high] with it in the ball.
 
-        As t grows the point moves away from the center, straight until its active constraints change. Each straight
-        piece says where it would leave the ball; bisection takes over when it ends before.
+        As t grows the point moves away from the center, on a straight line until its active constraints change. Each
+        straight piece predicts where the point leaves the ball; bisection is used if the piece ends before.
         """
         unit = 1.0 + float(np.linalg.norm(self.center))
         best, last = self.inside, high
@@ -140,11 +140,12 @@ class CappedPolyhedron:
     def _on_polyhedron(
         self, base: np.ndarray, t: float, ray: np.ndarray, start: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the polyhedron's point x nearest to ``y = base + t ray``, and its derivative by t.
+        """Return the polyhedron's point x nearest to ``y = base + t ray``, and its derivative with respect to t.
 
-        A primal active set from a feasible start: the projection of y - x onto the tangent cone at x tells which tight
-        constraints to keep (so degenerate corners do no harm), then x goes towards the point nearest to y on their
-        flat, and keeps each constraint that it meets. The end is where that brings x no nearer to y.
+        This is a primal active set method from a feasible start. The projection of y - x onto the tangent cone at x
+        decides which tight constraints stay active, so that degenerate corners do no harm. Then x moves towards the
+        point nearest to y on the flat of the active constraints, and each constraint that it meets becomes active. The
+        iteration ends when x gets no nearer to y.
         """
         A, b, x = self.normals, self.offsets, start
         for _ in range(20 * sum(A.shape)):
@@ -175,7 +176,7 @@ class CappedPolyhedron:
         raise SolverError(f"the nearest point was not found on {len(b)} constraints")
 
     def _pushing(self, x: np.ndarray, pull: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the constraints that hold x against the pull, and the part of the pull that they leave."""
+        """Return the tight constraints that hold x against the pull, and the part of the pull that remains."""
         tight = np.flatnonzero(self.normals @ x - self.offsets <= TIGHT)
         push = nonnegative_combination(self.normals[tight], -pull, shared=False)
         return tight[push > 0], pull + push @ self.normals[tight]

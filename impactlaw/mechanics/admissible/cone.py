@@ -1,4 +1,4 @@
-"""The cone of the gap gradients, ``{Y^T Lambda : Lambda >= 0}``, by its facets."""
+"""The facets of the cone of the gap gradients, ``{Y^T Lambda : Lambda >= 0}``."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from impactlaw.errors import ImpactLawError
 from impactlaw.mechanics.tolerances import ON_FACET
 
 MAX_FACETS = 20_000
-"""Most facets that a group of dependent gradients may have (upper bound theorem) before they are not listed."""
+"""Groups of dependent gradients that may have more facets, by the upper bound theorem, are refused."""
 
 
 class EnumerationError(ImpactLawError):
-    """A set has too many faces to list them: too many redundant gradients of too high a rank."""
+    """A set has too many faces to list: too many redundant gradients of too high a rank."""
 
 
 def cone_facets(generators: np.ndarray) -> np.ndarray:
-    """Return F, (m, r), inward unit normals of the facets of the cone ``{x : F x >= 0}`` of unit rows, (h, r).
+    """Return the inward unit normals F, (m, r), of the facets of the cone ``{x : F x >= 0}`` of unit rows, (h, r).
 
-    Written in a basis of r of the generators, the cone is the product of one cone per group of generators that
-    depend on each other: a ray or a line for a group of rank one, otherwise the facets at the origin of the convex
-    hull of the group and the origin. So a pile of boxes on four corners each is as easy as one box.
+    In a basis of r of the generators, the cone is a product of cones, one for each group of generators that depend
+    on each other. The cone of a group of rank one is a ray or a line. Otherwise its facets are those, at the origin, of
+    the convex hull of the group and the origin. So a pile of boxes, each on four corners, is as easy as one box.
 
     Raises:
         EnumerationError: a group may have more than `MAX_FACETS` facets.
@@ -51,7 +51,7 @@ def cone_facets(generators: np.ndarray) -> np.ndarray:
 
 
 def _facets_at_origin(points: np.ndarray) -> np.ndarray:
-    """Inward normals of the cone of the points, of which the first d are the unit vectors, shape (m, d)."""
+    """Return inward normals, (m, d), of the cone of points, (n, d), the first d of which are the unit vectors."""
     n, d = points.shape
     if n == d:
         return np.eye(d)

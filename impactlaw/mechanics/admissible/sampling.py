@@ -1,4 +1,4 @@
-"""Uniform samples of a capped polyhedron: by rejection in few dimensions, else by hit-and-run chains side by side."""
+"""Uniform samples of a capped polyhedron: by rejection in few dimensions, else by parallel hit-and-run chains."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from impactlaw.mechanics.admissible.capped_polyhedron import CappedPolyhedron
 from impactlaw.mechanics.tolerances import FLAT, TIGHT
 
 _PILOTS = 10  # chains per dimension that measure the shape of the set
-_TRIALS = 512  # points of the ball that are tried at once
-_FRUITLESS = 2  # rounds of these without a point of the set after which chains take over
-_MOST = 2**20  # points that are tried for many samples
+_TRIALS = 512  # points of the ball tried at once
+_FRUITLESS = 2  # rounds without a point of the set after which chains take over
+_MOST = 2**20  # most points tried when many samples are wanted
 
 
 def check_number(n: object) -> None:
-    """Refuse what is no number of samples: a whole one, 0 or more."""
+    """Raise `InvalidCollisionError` unless n is a whole number, 0 or more."""
     if not isinstance(n, Integral) or n < 0:
         raise InvalidCollisionError(f"n must be a whole number, 0 or more, got {n!r}")
 
 
 def generator_of(rng: np.random.Generator | int) -> np.random.Generator:
-    """Return the generator, or the one of a seed; refuse what is neither."""
+    """Return the generator, or one made from a seed; raise `InvalidCollisionError` if it is neither."""
     try:
         return np.random.default_rng(rng)
     except (TypeError, ValueError):
@@ -31,14 +31,14 @@ def generator_of(rng: np.random.Generator | int) -> np.random.Generator:
 
 
 def uniform_samples(body: CappedPolyhedron, n: int, rng: np.random.Generator) -> np.ndarray:
-    """Return n points, uniform in the set within its affine hull and independent, shape (n, r)."""
+    """Return n independent points, uniform in the set with respect to the volume of its affine hull, shape (n, r)."""
     found = _rejection(body, n, rng)
     missing = n - len(found)
     return np.vstack([found, _chains(body, missing, rng)]) if missing else found
 
 
 def _rejection(body: CappedPolyhedron, n: int, rng: np.random.Generator) -> np.ndarray:
-    """Return up to n uniform points, (k, r): the first ones of the set among uniform points of the ball."""
+    """Return up to n uniform points, (k, r): those of uniform points in the ball that are in the set."""
     r, tried, found = len(body.center), 0, np.zeros((0, len(body.center)))
     size = float(np.linalg.norm(body.center))
     while len(found) < n:
@@ -53,11 +53,12 @@ def _rejection(body: CappedPolyhedron, n: int, rng: np.random.Generator) -> np.n
 
 
 def _chains(body: CappedPolyhedron, n: int, rng: np.random.Generator) -> np.ndarray:
-    """Return n points, (n, r), each the end of a hit-and-run chain of its own (R. L. Smith 1984).
+    """Return n points, (n, r), each the end of its own hit-and-run chain (R. L. Smith 1984).
 
-    That is a random direction, then a uniform point of the chord, over and over. Chains before these measure the shape
-    of the set, so that directions are as likely to be long as the set is long. ``20 + 10 d`` steps in d dimensions:
-    with 20 000 samples of an orthant of the ball, Kolmogorov's test sees nothing up to d = 12.
+    Each step of a chain draws a random direction and then a uniform point on the chord of the set. Pilot chains first
+    measure the shape of the set, and directions are then drawn with the covariance of that shape. Chains have
+    ``20 + 10 d`` steps in d dimensions: with 20 000 samples of an orthant of the ball, Kolmogorov's test finds no
+    deviation up to d = 12.
     """
     middle, edges = _inner_simplex(body, rng)
     d = len(edges)
@@ -73,9 +74,10 @@ def _chains(body: CappedPolyhedron, n: int, rng: np.random.Generator) -> np.ndar
 
 
 def _inner_simplex(body: CappedPolyhedron, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Return a point in the relative interior of the set, and as many of its chords as it has dimensions, (d, r).
+    """Return a point in the relative interior of the set, and as many chords of it as it has dimensions, (d, r).
 
-    Each is the longest step along a direction orthogonal to those before it, flat ones included.
+    Each chord joins the extreme points in a direction orthogonal to all earlier directions, also to those in which the
+    set is flat.
     """
     r = len(body.center)
     points, edges, done = [body.inside], [], np.zeros((0, r))
@@ -92,15 +94,18 @@ def _inner_simplex(body: CappedPolyhedron, rng: np.random.Generator) -> tuple[np
 
 
 def _orthogonal(vector: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """The unit vector along the part of the vector orthogonal to the orthonormal rows."""
-    for _ in range(2):  # the second time for what rounding left in the first
+    """Return the unit vector along the part of the vector that is orthogonal to the orthonormal rows."""
+    for _ in range(2):  # the second time to remove the rounding errors of the first
         vector = vector - (rows @ vector) @ rows
         vector = vector / np.linalg.norm(vector)
     return vector
 
 
 def _walk(body: CappedPolyhedron, x: np.ndarray, edges: np.ndarray, steps: int, rng: np.random.Generator) -> np.ndarray:
-    """Move each point, (n, r), by steps to a uniform point of the chord along a normal combination of the edges."""
+    """Move each point, (n, r), ``steps`` times to a uniform point of the chord along a random sum of the edges.
+
+    The coefficients of the sum are normally distributed.
+    """
     n = len(x)
     for _ in range(steps):
         ray = rng.standard_normal((n, len(edges))) @ edges
@@ -110,13 +115,13 @@ def _walk(body: CappedPolyhedron, x: np.ndarray, edges: np.ndarray, steps: int, 
 
 
 def _chord(body: CappedPolyhedron, x: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the smallest and the largest t, each (n,), with ``x + t ray`` in the set, for x in the set."""
+    """Return the smallest and the largest t, (n,) each, with ``x + t ray`` in the set, for points x of the set."""
     rate = ray @ body.normals.T
     room = np.maximum(x @ body.normals.T - body.offsets, 0.0)
     t = np.divide(-room, rate, out=np.zeros_like(rate), where=rate != 0)
     low = np.where(rate > 0, t, -np.inf).max(axis=1, initial=-np.inf)
     high = np.where(rate < 0, t, np.inf).min(axis=1, initial=np.inf)
-    # the ball: square t^2 + 2 half t + excess <= 0, excess <= 0, roots without cancellation
+    # the ball: square t^2 + 2 half t + excess <= 0 with excess <= 0; the roots are computed without cancellation
     square = np.einsum("ij,ij->i", ray, ray)
     half = np.einsum("ij,ij->i", x - body.center, ray)
     excess = np.minimum(body.excess(x), 0.0)

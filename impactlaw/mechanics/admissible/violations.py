@@ -1,4 +1,4 @@
-"""How far an outcome of a collision is from each of the three sets whose intersection is S(v-)."""
+"""The distances of an outcome from the three sets whose intersection is S(v-)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from impactlaw.errors import InvalidCollisionError, UnsolvableLawError
 from impactlaw.solvers import Problem, beyond_rounding, nonnegative_combination, solve_with_jump
 
 CRUSHED = "no velocity opens all contacts, surfaces crush what is between them"
-"""What an infinite kinematic violation says."""
+"""The text of an infinite kinematic violation."""
 
 
 @dataclass(frozen=True)
@@ -21,10 +21,10 @@ class Violations:
     """Distances, in the kinetic metric (sqrt(J)), from v+ to the three sets whose intersection is S(v-).
 
     Attributes:
-        kinematic: to the tangent cone ``{v : J v >= 0}``; positive when contacts penetrate, infinite when that is
-            empty: surfaces crush what is between them.
-        kinetic: to ``v- + M^-1 J^T Lambda, Lambda >= 0``; positive when contacts pull, or something else acted.
-        energetic: to the ball ``|v| <= |v-|``; positive when kinetic energy grew by more than the work of surfaces.
+        kinematic: to the tangent cone ``{v : J v >= 0}``; positive if contacts penetrate, infinite if the set is empty
+            because surfaces crush what is between them.
+        kinetic: to ``v- + M^-1 J^T Lambda, Lambda >= 0``; positive if contacts pull, or other impulses acted.
+        energetic: to the ball ``|v| <= |v-|``; positive if kinetic energy grew by more than the work of surfaces.
         pre_speed: ``|v-|``, the scale that `is_admissible` compares with.
     """
 
@@ -34,13 +34,13 @@ class Violations:
     pre_speed: float
 
     def is_admissible(self, tol: float = 1e-9) -> bool:
-        """Whether no violation exceeds ``tol`` times ``|v-|``; `InvalidCollisionError` if tol is no number."""
+        """Whether no violation exceeds ``tol |v-|``; `InvalidCollisionError` if tol is not a number."""
         if not isinstance(tol, Real):
             raise InvalidCollisionError(f"tol must be a number, a part of |v-|, got {tol!r}")
         return max(self.kinematic, self.kinetic, self.energetic) <= tol * self.pre_speed
 
     def __str__(self) -> str:
-        """Return which there are, and how large they are, in sqrt(J)."""
+        """Return the names of the violations and their sizes in sqrt(J)."""
         if self.kinematic == np.inf:
             return CRUSHED
         parts = (("kinematic", self.kinematic), ("kinetic", self.kinetic), ("energetic", self.energetic))
@@ -48,7 +48,7 @@ class Violations:
 
 
 def measured(c: Any, jump: np.ndarray, after: np.ndarray, kinetic: float, gain: float, speed: float) -> Violations:
-    """Return the violations of a jump ``R^T (v+ - v-)`` and of ``gamma+``, with what `pushed` returns and the scale."""
+    """Return the violations, given ``R^T (v+ - v-)``, ``gamma+``, the results of `pushed`, and the scale ``|v-|``."""
     before = c.relative_velocity
     z = before + jump
     speeds = sqrt(z @ z) + sqrt(before @ before)
@@ -58,7 +58,10 @@ def measured(c: Any, jump: np.ndarray, after: np.ndarray, kinetic: float, gain: 
 
 
 def pushed(c: Any, jump: np.ndarray, impulse: np.ndarray) -> tuple[float, float]:
-    """Return the distance to what pushing contacts reach, sqrt(J), and the energy gained, J, less that of surfaces."""
+    """Return the distance to the velocities that pushing contacts can reach, sqrt(J), and the energy gain, J.
+
+    The gain is the change of kinetic energy less the work of moving surfaces.
+    """
     if (impulse < 0).any():
         impulse = nonnegative_combination(c.whitened_jacobian, jump)
     gain = float(jump @ (c.whitened_velocity + 0.5 * jump))
@@ -68,13 +71,13 @@ def pushed(c: Any, jump: np.ndarray, impulse: np.ndarray) -> tuple[float, float]
 
 
 def imbalance(c: Any, jump: np.ndarray, impulse: np.ndarray) -> float:
-    """Return ``|M (v+ - v-) - J^T Lambda|`` (dual kinetic norm), beyond what rounding Lambda to doubles makes of it."""
+    """Return ``|M (v+ - v-) - J^T Lambda|`` (dual kinetic norm), less what rounding Lambda to doubles may cause."""
     left = jump - impulse @ c.whitened_jacobian
     return beyond_rounding(sqrt(left @ left), float(np.abs(impulse) @ c.gradient_norms), larger_speed(c, jump))
 
 
 def larger_speed(c: Any, jump: np.ndarray) -> float:
-    """Return the larger of ``|v-|`` and ``|v+|``, sqrt(J), as seen from the surfaces."""
+    """Return the larger of ``|v-|`` and ``|v+|``, sqrt(J), relative to moving surfaces."""
     return max(c.pre_speed, float(np.linalg.norm(c.relative_velocity + jump)))
 
 
@@ -89,5 +92,5 @@ def _penetration(c: Any, jump: np.ndarray, after: np.ndarray) -> float:
         problem = Problem(Y, bound, back, larger_speed(c, jump), norms=c.gradient_norms)
         jump = solve_with_jump(problem, c.labels, shared=False).jump
     except UnsolvableLawError:
-        return np.inf  # crushed
+        return np.inf
     return sqrt(jump @ jump)
