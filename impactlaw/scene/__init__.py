@@ -1,1 +1,1 @@
-"""What a compiled scene and its state say: the only place that knows MuJoCo's arrays."""
+"""Reading of compiled scenes and their state: the only package that knows MuJoCo's arrays."""

@@ -1,4 +1,4 @@
-"""Contacts, gap gradients and the mass matrix out of MuJoCo's arrays."""
+"""Contacts, gap gradients and the mass matrix, read from MuJoCo's arrays."""
 
 from __future__ import annotations
 
@@ -21,18 +21,19 @@ _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """Contacts between pairs of geoms, ordered by geom ids, so that a chain's contacts stand in the chain's order.
+    """Contacts between pairs of geoms, ordered by geom ids, followed by limits of joints and tendons that are near.
 
-    Limits of joints and tendons that are near follow them.
+    With this order the contacts of a chain of bodies are in the order of the chain.
 
     Attributes:
-        labels: ``"first/second"`` per contact: the names of the two geoms, or of their bodies where geoms have none;
+        labels: ``"first/second"`` per contact: the names of the two geoms, or of their bodies if geoms have no name;
             the name of the joint or tendon for a limit.
         geoms: geom ids, the lower one first, int (h, 2); -1 for a limit.
-        gap: signed distance, less the `SKIN` where there is one, m, (h,); distance from a limit, m or rad.
-        position: midway between the two surfaces, world frame, m, (h, 3); the anchor of a joint, zero for a tendon.
-        normal: unit vector from the first geom to the second, world frame, (h, 3); the axis of a joint, away from the
-            limit; zero for a tendon.
+        gap: signed distance, less the `SKIN` where it applies, m, (h,); for a limit the distance from it, m or rad.
+        position: midway between the two surfaces, world frame, m, (h, 3); for a limit the anchor of the joint, zero for
+            a tendon.
+        normal: unit vector from the first geom to the second, world frame, (h, 3); for a limit the axis of the joint,
+            pointing away from the limit, zero for a tendon.
     """
 
     labels: tuple[str, ...]
@@ -69,9 +70,9 @@ _sizes = attrgetter(
 
 
 def is_data_of(model: mujoco.MjModel, data: mujoco.MjData) -> bool:
-    """Return whether data are of a model, or of one with the same bodies, joints and geoms.
+    """Return whether data belong to a model, or to one with the same bodies, joints and geoms.
 
-    MuJoCo's signature tells. Models out of a binary file or a pickle have none: their sizes tell.
+    MuJoCo's signatures are compared. Models from a binary file or a pickle have no signature; their sizes are compared.
     """
     signature, own = data.signature, model.signature
     if signature != 0 and own != 0:
@@ -80,7 +81,7 @@ def is_data_of(model: mujoco.MjModel, data: mujoco.MjData) -> bool:
 
 
 def geom_names(model: mujoco.MjModel) -> tuple[str, ...]:
-    """Return the name by which each geom appears in contact labels: its own, its body's, or ``geom<id>``."""
+    """Return the name of each geom in contact labels: its own name, that of its body, or ``geom<id>``."""
     names = []
     for geom in range(model.ngeom):
         body = model.body(model.geom_bodyid[geom])
@@ -89,7 +90,7 @@ def geom_names(model: mujoco.MjModel) -> tuple[str, ...]:
 
 
 def update_positions(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Bring frames, inertia and all that gap gradients need up to data.qpos."""
+    """Update frames, inertia and everything else that gap gradients need to data.qpos."""
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
     if model.ntendon:
@@ -98,26 +99,26 @@ def update_positions(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 def acted_on(data: mujoco.MjData) -> np.ndarray:
-    """Return the indices of the contacts between geoms that MuJoCo's constraint solver acts on now, int (h,).
+    """Return the indices of the contacts between geoms that have rows in MuJoCo's constraint solver now, int (h,).
 
-    Those of flexes are MuJoCo's alone.
+    Contacts of flexes are left to MuJoCo.
     """
     found = data.contact
     return np.flatnonzero((found.efc_address >= 0) & (found.geom >= 0).all(axis=1))
 
 
 def active_contacts(model: mujoco.MjModel, data: mujoco.MjData, names: tuple[str, ...]) -> Contacts:
-    """Return the contacts that are `acted_on`, as the position stage has found them."""
+    """Return the contacts that are `acted_on`, as found by MuJoCo's position stage."""
     return _read(data, acted_on(data), names)
 
 
 def closes(model: mujoco.MjModel, data: mujoco.MjData, rows: np.ndarray, speed: float) -> bool:
-    """Return whether a contact or limit that MuJoCo's solver acts on closes faster than this, m/s or rad/s.
+    """Return whether a contact or limit in MuJoCo's solver closes faster than ``speed``, m/s or rad/s.
 
-    With pyramidal cones the mean of a contact's first two rows is the normal. Python's own numbers are faster here than
-    arrays up to dozens of contacts, and what they cost per contact is little next to what MuJoCo's step does.
+    With pyramidal cones the normal row is the mean of the first two rows of a contact. Plain Python numbers are faster
+    here than arrays for up to dozens of contacts, and their cost per contact is small next to that of MuJoCo's step.
     """
-    if not len(rows) or not rows.item(rows.argmin()) < -speed:  # of all rows: a bound
+    if not len(rows) or not rows.item(rows.argmin()) < -speed:  # the minimum over all rows is a bound
         return False
     limits = data.nl
     if limits == len(rows):
@@ -139,12 +140,12 @@ def closes(model: mujoco.MjModel, data: mujoco.MjData, rows: np.ndarray, speed: 
 
 
 def _dense_jacobian(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-    """Return a view of MuJoCo's dense Jacobian, (nefc, nv); there is room for more rows in it."""
+    """Return a view of MuJoCo's dense Jacobian, (nefc, nv), whose buffer may be larger."""
     return data.efc_J.reshape(-1)[: data.nefc * model.nv].reshape(data.nefc, model.nv)
 
 
 def constraint_rows(model: mujoco.MjModel, data: mujoco.MjData, rows: np.ndarray) -> np.ndarray:
-    """Return some of the rows of the Jacobian of MuJoCo's constraints of now, (k, nv)."""
+    """Return rows of the Jacobian of MuJoCo's current constraints, dense, (k, nv)."""
     if not mujoco.mj_isSparse(model):
         return _dense_jacobian(model, data)[rows]
     J, nnz, adr = np.zeros((len(rows), model.nv)), data.efc_J_rownnz, data.efc_J_rowadr
@@ -156,7 +157,7 @@ def constraint_rows(model: mujoco.MjModel, data: mujoco.MjData, rows: np.ndarray
 
 
 def row_velocities(model: mujoco.MjModel, data: mujoco.MjData, velocity: np.ndarray) -> np.ndarray:
-    """Return the velocities, (nefc,), that MuJoCo's constraint rows of now would have at another qvel, (nv,)."""
+    """Return the velocities, (nefc,), that MuJoCo's current constraint rows would have at another qvel, (nv,)."""
     rows = np.empty(data.nefc)
     mujoco.mj_mulJacVec(model, data, rows, velocity)
     return rows
@@ -174,7 +175,7 @@ def collide(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 def sorted_geoms(geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return pairs of geom ids, the lower one first, in order, the indices that sort, and which pairs are swapped."""
+    """Return sorted pairs of geom ids, lower one first, the indices that sort them, and which pairs were swapped."""
     if (geoms < 0).any():
         raise SceneError("a flex is in contact; an impact law is for contacts between geoms only")
     order = np.lexsort((geoms.max(axis=1), geoms.min(axis=1)))
@@ -201,15 +202,15 @@ def _read(data: mujoco.MjData, index: np.ndarray, names: tuple[str, ...]) -> Con
 def make_rows(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray | None:
     """Make constraint rows and return the gap gradients of data.contact, in its order, (h, nv).
 
-    Other rows than those of equality constraints and limits must be off and the Jacobian dense (`BorrowedOptions`).
-    None if MuJoCo makes no row for a contact. To be followed by `forget_rows`.
+    The result is None if MuJoCo makes no row for a contact. Besides contacts only equality constraints and limits may
+    be on, and the Jacobian must be dense (`BorrowedOptions`). Call `forget_rows` afterwards.
     """
     contact, h = data.contact, data.ncon
     mujoco.mj_makeConstraint(model, data)
     if data.nefc != data.ne + data.nl + h:
         dim = contact.dim.copy()
         contact.dim[:] = 1  # a frictionless contact has one row
-        contact.exclude[:] = 0  # one within a detection gap too
+        contact.exclude[:] = 0  # include contacts within a detection gap
         mujoco.mj_makeConstraint(model, data)
         contact.dim[:] = dim
     if h == 0:
@@ -219,15 +220,16 @@ def make_rows(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray | None:
 
 
 def forget_rows(data: mujoco.MjData) -> None:
-    """Leave no constraint rows behind that have no forces yet."""
+    """Remove the constraint rows from data, since they have no forces yet."""
     data.contact.efc_address[:] = -1
     data.nefc = data.nl = data.ne = 0
 
 
 def gap_gradients(model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts) -> np.ndarray:
-    """Return ``J``, shape (h, nv): the velocity of the second body's point minus the first's, along the normal.
+    """Return ``J``, shape (h, nv): rows give the velocity of the second body relative to the first, along the normal.
 
-    A row of rounding is 0, as where the normal meets the axis of the only joint: it would let huge impulses through.
+    A row that is only rounding is set to 0, as where the normal meets the axis of the only joint; it would allow huge
+    impulses otherwise.
     """
     J = np.zeros((len(contacts), model.nv))
     point = np.zeros((3, model.nv))

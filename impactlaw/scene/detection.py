@@ -1,4 +1,4 @@
-"""Which contacts are near: MuJoCo's collision detection, with what depends on the geoms alone computed once."""
+"""Detection of near contacts by MuJoCo, with all data that depend on the geoms alone computed only once."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ from impactlaw.scene.tolerances import GAP_TOLERANCE, PARALLEL, SKIN
 
 
 class Found(NamedTuple):
-    """What is near at one configuration."""
+    """The contacts and limits that are near at one configuration."""
 
-    pattern: Pattern  # what the geoms say
+    pattern: Pattern  # properties of the geoms
     contacts: Contacts  # contacts and limits
     jacobian: np.ndarray  # their gap gradients, (h, nv)
-    # gradients of equality constraints, (m, nv); None if there are none, or nothing is near
+    # gradients of equality constraints, (m, nv); None if there are no constraints, or no contact is near
     bilateral: np.ndarray | None
     stiffness: np.ndarray | None  # of these constraints, see `equality_constraints.stiffness`, (nv, nv)
 
 
 class Distances(NamedTuple):
-    """Nearest distances of pairs of geoms, as MuJoCo measures them."""
+    """The shortest distances between pairs of geoms, as MuJoCo measures them."""
 
     geoms: np.ndarray  # ids, int (h, 2)
     distance: np.ndarray  # m, (h,)
@@ -44,25 +44,25 @@ class Distances(NamedTuple):
 
     @classmethod
     def of(cls, data: mujoco.MjData) -> Distances | None:
-        """Return those that MuJoCo has found last; None if there are none."""
+        """Return the distances found by MuJoCo's last collision detection; None if it has found none."""
         if data.ncon == 0:
             return None
         contact = data.contact
         return cls(contact.geom, contact.dist, contact.frame[:, :3])
 
     def beyond(self, distance: float) -> Distances:
-        """Return those that are larger than a distance, m."""
+        """Return the pairs whose distance is larger than a given one, m."""
         far = np.flatnonzero(self.distance > distance)
         return self if len(far) == len(self.distance) else Distances(*(part[far] for part in self))
 
 
 class Detector:
-    """Finds the contacts of one scene.
+    """The collision detection of one scene.
 
     Attributes:
-        names: of all geoms, as in contact labels.
-        limits: of joints and tendons.
-        options: to be entered (``with``) around every use of `find`.
+        names: names of all geoms, as in contact labels.
+        limits: the limits of joints and tendons.
+        options: a context to be entered (``with``) around every use of `find`.
     """
 
     def __init__(self, model: mujoco.MjModel, *, convex: bool = True, faces: bool = True, friction: bool = False):
@@ -79,13 +79,14 @@ class Detector:
         self.empty = self._patterns.of(nothing), Contacts((), nothing, np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
 
     def forget_patterns(self) -> None:
-        """Learn anew what geoms say, such as their friction."""
+        """Read properties of geoms, such as friction, from the model again."""
         self._patterns.forget()
 
     def near(self, data: mujoco.MjData, within: float) -> Found:
-        """Return the contacts with a gap of at most ``within``, m or rad; the pattern is that of more.
+        """Return the contacts with a gap of at most ``within``, m or rad.
 
-        Frames must be current; replaces data.contact.
+        The pattern is that of all contacts detected, which may be more. Frames must be current; data.contact is
+        replaced.
         """
         with self.options:
             found = self.look(data, 2.0 * within + SKIN)  # MuJoCo compares with "<"
@@ -93,7 +94,7 @@ class Detector:
         return Found(found.pattern, found.contacts.select(near), found.jacobian[near], *found[3:])
 
     def look(self, data: mujoco.MjData, within: float) -> Found:
-        """Return contacts and limits with a gap below ``within``, m or rad, and perhaps more."""
+        """Return the contacts and limits with a gap below ``within``, m or rad, and perhaps some more."""
         pattern, contacts = self.find(data, within)
         limits = self._limits_near(data, within)
         if not pattern and limits is None and not self._limits_of_rows:
@@ -121,13 +122,13 @@ class Detector:
         return Found(pattern, contacts, J, bilateral, stiff)
 
     def _limits_near(self, data: mujoco.MjData, within: float) -> LimitRows | None:
-        """Return the limits that their positions tell; None if none is near, or MuJoCo's rows are to tell them."""
+        """Return the limits found from joint positions; None if none is near, or if constraint rows are needed."""
         if not self._has_limits or self._limits_of_rows or not self.options.limited:
             return None
         return self.limits.near(data, within)
 
     def find(self, data: mujoco.MjData, within: float) -> tuple[Pattern, Contacts]:
-        """Return all contacts of geoms with a gap below ``within``, m, and perhaps more; see `near`."""
+        """Return all contacts between geoms with a gap below ``within``, m, and perhaps some more; see `near`."""
         self.options.look(within + SKIN)
         collide(self._model, data)
         if data.ncon == 0:
@@ -146,32 +147,35 @@ class Detector:
         return pattern, contacts
 
     def refresh(self, data: mujoco.MjData, within: float, pattern: Pattern) -> None:
-        """Leave in data.contact what `find` leaves there where the pattern is known, and read nothing."""
+        """Fill data.contact as `find` does for a known pattern, without reading the contacts."""
         self.options.look(within + SKIN)
         if pattern.several and self.options.several:
             self.options.look_for_several()
         collide(self._model, data)
 
     def distances(self, data: mujoco.MjData, within: float) -> Distances | None:
-        """Return distances of geoms below ``within``, m, at least; None if there are none. Replaces data.contact."""
+        """Return the distances between geoms that are below ``within``, m, and perhaps more; None if there are none.
+
+        Replaces data.contact.
+        """
         self.options.look(within + SKIN)
         collide(self._model, data)
         return Distances.of(data)
 
     def is_at_limit(self, data: mujoco.MjData, within: float) -> bool:
-        """Return whether a limit is near; where constraint rows tell limits, whether anything is."""
+        """Return whether a limit is near; if limits are read from constraint rows, whether any contact or limit is."""
         if self._limits_of_rows:
             return bool(self.look(data, within).pattern)
         return self._limits_near(data, within) is not None
 
     def are_closed(self, data: mujoco.MjData, within: float, pattern: Pattern, gaps: tuple[float, float]) -> bool:
-        """Return whether the contacts within a gap, m, are those of a plain pattern, and closed.
+        """Return whether the contacts with gaps below ``within`` are exactly those of a plain pattern, and closed.
 
         Args:
-            data: frames must be current.
+            data: the state; frames must be current.
             within: see `find`.
-            pattern: which contacts; must be plain.
-            gaps: the smallest and the largest that count as closed, m.
+            pattern: the contacts to compare with; must be plain.
+            gaps: the smallest and the largest gap that count as closed, m.
         """
         self.options.look(within + SKIN)
         collide(self._model, data)
@@ -197,8 +201,8 @@ class Detector:
 def _complete(several: Contacts, nearest: Contacts) -> Contacts:
     """Give contacts between faces the direction of the shortest distance, and add the nearest contact if it is missing.
 
-    Where MuJoCo looks for several contacts, it takes faces within some degrees for parallel and the normal of one of
-    them for that of the contacts; and the contacts it chooses need not include the nearest.
+    When MuJoCo looks for several contacts, it treats faces within some degrees as parallel and uses the normal of one
+    face for all contacts. The contacts that it chooses need not include the nearest one.
     """
     gap, normal = several.gap.copy(), several.normal.copy()
     key = np.concatenate([several.geoms, nearest.geoms]) @ (1 << 32, 1)

@@ -1,4 +1,4 @@
-"""Equality constraints of a scene: which of them an impact must not violate, and their gradients."""
+"""Equality constraints of a scene: those that an impact must not violate, and their gradients."""
 
 from __future__ import annotations
 
@@ -15,41 +15,45 @@ _SITE = int(mujoco.mjtObj.mjOBJ_SITE)
 TYING = 2
 """Kind of the equality constraints that tie two bodies to each other."""
 CALM = 0.1
-"""Part of the fastest collision up to which the velocity of an equality constraint is one that it can keep there."""
+"""Velocity of an equality constraint, relative to the fastest collision, up to which it is kept in the collision."""
 RESTING = 1e-9
-"""The same where constraints that give way have driven a collision: those that are at rest but for rounding."""
+"""The same limit where constraints that give way have driven a collision: only those at rest, up to rounding, stay."""
 DRIFT = 1e-3
-"""Part of the fastest contact, in the kinetic metric, up to which a constraint that moves a gap is at rest."""
+"""Velocity of a constraint that moves a gap that counts as 0, relative to the fastest contact in the kinetic metric."""
 TIED = 0.2
-"""What such constraints must leave of a gap gradient for contact to act: of how fast the gap opens next to the fastest
-degree of freedom, in units of `lengths`. Where constraints have drifted, of the length of the gradient."""
+"""Part of a gap gradient that such constraints must leave free for the contact to act. It is measured by how fast the
+gap opens next to the fastest degree of freedom, in units of `lengths`; where constraints have drifted, by the length of
+the gradient."""
 SHIFTS = 3
-"""How many rows of a connect or weld keep points together; others of a weld keep it from turning."""
+"""Number of rows of a connect or weld that keep points together; further rows of a weld keep it from turning."""
 _TORQUE, _LOOSE = 10, 0.3
-"""Where a weld has its torquescale s among its numbers, and s below which it is a spring.
+"""Index of the torquescale s of a weld in ``eq_data``, and the s below which the weld is a spring.
 
 MuJoCo's constraints give way by about 0.1 / s^2 of what they hold."""
 
 
 def constraint_kinds(model: mujoco.MjModel) -> np.ndarray:
-    """Return 0 for equality constraints that an impact may violate, else 1, or `TYING`, uint8 (neq,)."""
+    """Return 0 for equality constraints that an impact may violate, `TYING` for those that tie bodies, else 1, (neq,).
+
+    The type is uint8.
+    """
     ties = (model.eq_type == _CONNECT) | (model.eq_type == _WELD)
     return np.where(bilateral_constraints(model), np.where(ties, TYING, 1), 0).astype(np.uint8)
 
 
 def lengths(model: mujoco.MjModel) -> np.ndarray:
-    """Return how far the bodies that each degree of freedom moves move with it, m per its unit, (nv,).
+    """Return how far bodies move per unit of each degree of freedom, m per m or rad, (nv,).
 
-    It is the radius of gyration about a joint that turns them, and 1 where they are shifted.
+    It is the radius of gyration about a joint that turns the bodies, and 1 for a translation.
     """
     return np.sqrt(model.dof_M0 / np.maximum(model.body_subtreemass[model.dof_bodyid], mujoco.mjMINVAL))
 
 
 def bilateral_constraints(model: mujoco.MjModel) -> np.ndarray:
-    """Return which equality constraints an impact must not violate, bool (neq,): all but those to mocap bodies.
+    """Return which equality constraints an impact must not violate, bool (neq,).
 
-    A constraint to a mocap body is a servo that drives what is held towards a target; it may lag behind. A weld that
-    hardly turns what it holds, by a small torquescale, is a spring: it lets contact turn that.
+    These are all but two kinds. A constraint to a mocap body is a servo that drives a body towards a target, and may
+    lag behind. A weld with a small torquescale is a spring that lets contacts turn the body it holds.
     """
     kept = (model.eq_type != _WELD) | (model.eq_data[:, _TORQUE] >= _LOOSE)
     for i in range(model.neq):
@@ -63,10 +67,10 @@ def bilateral_constraints(model: mujoco.MjModel) -> np.ndarray:
 def bilateral_rows(
     model: mujoco.MjModel, data: mujoco.MjData, kept: np.ndarray, *, calm: np.ndarray | None = None
 ) -> np.ndarray | None:
-    """Return ``J_eq`` of the equality constraints that are kept and active, (m, nv), among the rows of now.
+    """Return ``J_eq`` of the equality constraints that are kept and active, (m, nv), from MuJoCo's current rows.
 
-    Those that do not count are left out, see `rows_that_count`. Inertia must be current (`contacts.update_positions`).
-    Rows that move against themselves faster than `calm`, m/s or rad/s, (ne,), are left out: they are giving way.
+    Rows that do not count are left out, see `rows_that_count`. So are rows whose constraint velocity exceeds `calm`,
+    m/s or rad/s, (ne,), since they are giving way. Inertia must be current (`contacts.update_positions`).
     """
     chosen = np.flatnonzero(kept[data.efc_id[: data.ne]])
     acts = np.ones(len(chosen), dtype=bool) if calm is None else np.abs(data.efc_vel[chosen]) <= calm[chosen]
@@ -82,20 +86,20 @@ def bilateral_rows(
 def rows_that_count(
     model: mujoco.MjModel, number: np.ndarray, given: float, J: np.ndarray, Y: np.ndarray, acts: np.ndarray
 ) -> np.ndarray | None:
-    """Return rows that span those of equality constraints that count, (k, nv); None if there are none.
+    """Return rows with the same span as the rows of equality constraints that count, (k, nv); None if there are none.
 
-    MuJoCo's constraints are soft: where they have given way by a distance d, rows that depend on each other do so up
-    to d over the size of the bodies only. Directions of that size are left out, or redundant constraints would lock a
-    mechanism; then rows that span the others are returned. So are rows that short next to others of their constraint
-    (`parts_of_longest`).
+    MuJoCo's constraints are soft. Where they have given way by a distance d, rows that would be linearly dependent are
+    so only up to d over the size of the bodies. Directions with singular values of that size are left out, since
+    redundant constraints would lock a mechanism otherwise. Rows that are as short next to the others of their
+    constraint (`parts_of_longest`) are left out, too.
 
     Args:
         model: the scene.
-        number: which constraint each row is of, all rows of some of them in MuJoCo's order, (m,).
-        given: how far they have given way, m or rad.
+        number: the constraint of each row, (m,); all rows of a constraint are there, in MuJoCo's order.
+        given: how far the constraints have given way, m or rad.
         J: their gradients, (m, nv).
-        Y: these where the kinetic metric is the Euclidean one, (m, nv).
-        acts: which may count, bool (m,).
+        Y: the gradients in coordinates in which the kinetic metric is the Euclidean one, (m, nv).
+        acts: which rows may count, bool (m,).
     """
     rank = min(max(GIVEN_WAY * given / model.stat.meansize, WRITTEN), OWN_CONSTRAINT)
     counting = acts & (parts_of_longest(model, number, J) > rank)
@@ -107,16 +111,17 @@ def rows_that_count(
 
 
 def parts_of_longest(model: mujoco.MjModel, number: np.ndarray, J: np.ndarray) -> np.ndarray:
-    """Return how long rows are, (m,), next to the longest of the same connect, or of shifts or turns of the same weld.
+    """Return the length of each row, (m,), relative to the longest of its connect, or of its part of a weld.
 
-    The axes of hinges of a plane linkage are parallel up to the digits in which they are written, and up to what has
-    given way: out of its plane such rows are next to nothing, and would lock it if they counted as others do. Where a
-    part of a weld has no other rows, the longest of the weld decide.
+    The parts of a weld are its translational and its rotational rows. The hinge axes of a planar linkage are parallel
+    only up to the digits in which they are written and up to how far constraints have given way. Rows out of its plane
+    are therefore tiny, and would lock the linkage if they counted like the others. If all rows of a part of a weld are
+    tiny, the longest row of the whole weld is the reference.
 
     Args:
         model: the scene.
         number: see `rows_that_count`.
-        J: see there.
+        J: see `rows_that_count`.
     """
     size = np.linalg.norm(J / lengths(model), axis=1)
     _, first, of = np.unique(number, return_index=True, return_inverse=True)
@@ -130,10 +135,10 @@ def parts_of_longest(model: mujoco.MjModel, number: np.ndarray, J: np.ndarray) -
 
 
 def stiffness(model: mujoco.MjModel, data: mujoco.MjData, kept: np.ndarray) -> np.ndarray | None:
-    """Return ``J_eq^T D J_eq``, (nv, nv), of the equality constraints that are kept and active, among the rows of now.
+    """Return ``J_eq^T D J_eq``, (nv, nv), of the equality constraints that are kept and active; None if there are none.
 
-    ``D = 1 / R`` is MuJoCo's: a force f on the degrees of freedom accelerates them by ``(M + J_eq^T D J_eq)^-1 f`` more
-    than they are accelerated without it, since the constraints give way a little. None if there are no such rows.
+    ``D = 1 / R`` is MuJoCo's. Since the constraints give way a little, a force f on the degrees of freedom changes
+    their acceleration by ``(M + J_eq^T D J_eq)^-1 f``.
     """
     rows = np.flatnonzero(kept[data.efc_id[: data.ne]])
     if len(rows) == 0:
@@ -143,7 +148,7 @@ def stiffness(model: mujoco.MjModel, data: mujoco.MjData, kept: np.ndarray) -> n
 
 
 def _gradients(model: mujoco.MjModel, data: mujoco.MjData, rows: np.ndarray) -> np.ndarray:
-    """Return rows of MuJoCo's constraint Jacobian, dense, (k, nv)."""
+    """Return rows of MuJoCo's current constraint Jacobian, dense, (k, nv)."""
     J, unit = np.empty((len(rows), model.nv)), np.zeros(data.nefc)
     for out, row in zip(J, rows, strict=True):
         unit[row] = 1.0
@@ -153,13 +158,13 @@ def _gradients(model: mujoco.MjModel, data: mujoco.MjData, rows: np.ndarray) -> 
 
 
 def are_tied(gradients: np.ndarray, constraints: np.ndarray, lengths: np.ndarray) -> np.ndarray:
-    """Return of which gap gradients, (h, nv), constraints, (m, nv), leave next to nothing, bool (h,).
+    """Return which gap gradients, (h, nv), are almost entirely fixed by constraints, (m, nv), bool (h,).
 
-    See `stepping.compiled.ties`; `lengths` are those of `lengths`. Constraints are those of `bilateral_rows`.
+    See `stepping.compiled.ties`. ``lengths`` come from the function `lengths`, ``constraints`` from `bilateral_rows`.
     """
     basis, _ = row_span(constraints / lengths, OWN_CONSTRAINT)
     scaled = gradients / lengths
     left = scaled - scaled @ basis.T @ basis
-    # not next to all that moves: of 30 bodies welded to each other, the one that touches is a small part
+    # not relative to all that moves: of 30 bodies welded to each other, the one in contact is a small part
     fastest = np.abs(left).max(axis=1, initial=0.0) * np.abs(scaled).max(axis=1, initial=0.0)
     return np.vecdot(left, left) <= TIED * fastest

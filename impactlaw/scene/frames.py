@@ -1,8 +1,8 @@
-"""Frames of contacts: orthogonal, as friction is in the tangent plane.
+"""Contact frames made orthogonal, so that friction acts in the tangent plane.
 
-MuJoCo lays the first tangent of a contact of a capsule and a plane along the axis of the capsule. Where that is the
-normal, the tangent is what rounding leaves of it, and has a part along the normal: friction then works as a normal
-impulse does.
+MuJoCo aligns the first tangent of a contact between a capsule and a plane with the axis of the capsule. If the axis is
+the normal, this tangent consists of rounding errors and has a normal part. Friction would then act like a normal
+impulse.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ def _product(frame, k, i, j):
 
 @plain
 def _cross(frame, k, i, j, at):
-    """Write the vector product of two vectors of a frame."""
+    """Write the vector product of the vectors at i and j of frame k to ``at``."""
     for a in range(3):
         b, c = (a + 1) % 3, (a + 2) % 3
         frame[k, at + a] = frame[k, i + b] * frame[k, j + c] - frame[k, i + c] * frame[k, j + b]
@@ -29,18 +29,18 @@ def _cross(frame, k, i, j, at):
 
 @plain
 def is_orthogonal(frame, k):
-    """Return whether the first tangent of a contact is in the tangent plane."""
+    """Return whether the first tangent of contact k is in the tangent plane."""
     return abs(_product(frame, k, 0, 3)) <= ORTHOGONAL
 
 
 @plain
 def make_orthogonal(frame):
-    """Give contacts whose first tangent is not in the tangent plane others; return if any is.
+    """Replace the tangents of contacts whose first tangent is not in the tangent plane; return whether there are any.
 
-    The tangent keeps what it has in the plane, if that is more than rounding.
+    The new tangent is the projection of the old one onto the plane, if that is more than rounding.
 
     Args:
-        frame: normals, and two tangents, (ncon, 9); tangents are written.
+        frame: normals and two tangents each, (ncon, 9); tangents are written.
     """
     some = False
     for k in range(len(frame)):
@@ -62,5 +62,5 @@ def make_orthogonal(frame):
 
 @compiled()
 def straighten(frame):
-    """Do what `make_orthogonal` does, for Python."""
+    """Call `make_orthogonal` from Python."""
     make_orthogonal(frame)

@@ -1,4 +1,4 @@
-"""Directions of friction of MuJoCo's contacts: sliding, torsion and rolling, and their coefficients."""
+"""Friction of MuJoCo's contacts: directions of sliding, torsion and rolling, and their coefficients."""
 
 from __future__ import annotations
 
@@ -17,41 +17,41 @@ _OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
 
 
 class Span(NamedTuple):
-    """The rows of one contact."""
+    """The range of the friction rows of one contact."""
 
-    first: int  # the first one; those of sliding come first
-    turning: int  # the first one of torsion or rolling
-    last: int  # the first one of another contact
-    contact: int  # its index
-    bodies: tuple[int, ...]  # of its geoms, -1 for one that is fixed to the world
+    first: int  # the first row; sliding rows come first
+    turning: int  # the first row of torsion or rolling
+    last: int  # one past the last row
+    contact: int  # index of the contact
+    bodies: tuple[int, ...]  # bodies of its geoms, -1 for a body that is fixed to the world
 
 
 class FrictionPattern(NamedTuple):
-    """Which rows of friction a sequence of contacts has, whatever the configuration is."""
+    """The rows of friction of a sequence of contacts, as far as they do not depend on the configuration."""
 
     contact: np.ndarray  # index of the contact of each row, ascending, int (k,)
     kind: np.ndarray  # 0 and 1 for sliding, 2 for torsion, 3 and 4 for rolling, int (k,)
-    coefficient: np.ndarray  # of each row: 1 for sliding, m for the others, (k,)
-    axis: np.ndarray  # of each row: 0 for the normal, 1 and 2 for the directions of sliding, int (k,)
-    spans: tuple[Span, ...]  # rows by contacts
-    # contact of each row if normal rows, (h,), and these, (k,), are sorted by contact, int (h + k,)
+    coefficient: np.ndarray  # of each row, dimensionless for sliding, in m for the others, (k,)
+    axis: np.ndarray  # axis of each row: 0 for the normal, 1 and 2 for the tangents, int (k,)
+    spans: tuple[Span, ...]  # rows by contact
+    # all rows, normal rows, (h,), and rows of friction, (k,), sorted by contact: contact of each row, int (h + k,)
     rows_contact: np.ndarray
     rows_kind: np.ndarray  # 0 for a normal row, 1 to 5 for friction, int (h + k,)
-    rows_from: np.ndarray  # where each comes from, ``[normal rows, rows of friction][rows_from]``, int (h + k,)
+    rows_from: np.ndarray  # source of each row, ``[normal rows, rows of friction][rows_from]``, int (h + k,)
 
 
 def pair_friction(
     model: mujoco.MjModel, geoms: np.ndarray, *, overridden: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return dimensions, (h,), and coefficients, (h, 5), of contacts between pairs of geoms, (h, 2).
+    """Return the condim, (h,), and the coefficients, (h, 5), of contacts between pairs of geoms, (h, 2).
 
-    MuJoCo's rule: an explicit pair has its own; else the geom of higher priority decides, else the larger value.
+    MuJoCo's rule: an explicit pair has its own values; else the geom of higher priority decides, else the larger value.
 
     Args:
         model: the scene.
         geoms: geom ids.
-        overridden: whether the options are those of the user, not those of a step that borrows them, so that the
-            friction of MuJoCo's override counts where it is on.
+        overridden: whether MuJoCo's contact override, if it is on, replaces the coefficients. It must be False while a
+            step borrows the options of the model.
     """
     first, second = geoms.T
     ahead = model.geom_priority[first].astype(int) - model.geom_priority[second]
@@ -72,9 +72,9 @@ def pair_friction(
 def learn_friction(
     model: mujoco.MjModel, geoms: np.ndarray, limits: int = 0, *, overridden: bool = False
 ) -> FrictionPattern | None:
-    """Return the rows of friction of contacts between these geoms, (h, 2), before limits; None if there are none.
+    """Return the rows of friction of contacts between geoms, (h, 2), followed by ``limits`` limits; None if no row.
 
-    For overridden see `pair_friction`.
+    For ``overridden`` see `pair_friction`.
     """
     dim, mu = pair_friction(model, geoms, overridden=overridden)
     rows = (np.arange(5) < dim[:, None] - 1) & (mu > MIN_FRICTION)
@@ -103,12 +103,10 @@ def find_tangents(
     friction_pattern: FrictionPattern,
     surfaces: Surfaces | None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return ``J_t``, (k, nv), and what surfaces add to ``J_t v``, (k,), of contacts at the current frames.
+    """Return ``J_t``, (k, nv), and the part of moving surfaces beside ``J_t v``, (k,), at the current frames.
 
-    Sliding is in m/s, torsion and rolling are in rad/s.
-
-    The directions are MuJoCo's: the second axis is the world's y, or z where the normal is near to that, made
-    perpendicular.
+    Sliding is in m/s, torsion and rolling are in rad/s. The directions are MuJoCo's: the first tangent is the world's
+    y-axis, or z-axis if the normal is near to y, projected onto the tangent plane.
     """
     axis = contact_axes(contacts.normal)[friction_pattern.axis, friction_pattern.contact]
     J = np.empty((len(axis), model.nv))
@@ -126,7 +124,7 @@ def find_tangents(
 def _relative(
     model: mujoco.MjModel, data: mujoco.MjData, point: np.ndarray, bodies: tuple[int, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return Jacobians of how the second body moves and turns seen from the first one, at a point, (3, nv) each."""
+    """Return the Jacobians of relative translation and rotation of the second body at a point, (3, nv) each."""
     one, other = np.zeros((2, 2, 3, model.nv))
     for jacobian, body in zip((one, other), bodies, strict=True):
         if body >= 0:
@@ -140,16 +138,16 @@ class FrictionRows(NamedTuple):
     jacobian: np.ndarray  # ``J_t``, (k, nv): sliding in m/s, torsion and rolling in rad/s
     contact: np.ndarray  # index of the contact of each row, ascending, int (k,)
     coefficient: np.ndarray  # of each row, (k,)
-    drift: np.ndarray  # what surfaces add to the velocities ``J_t v``, (k,)
+    drift: np.ndarray  # velocity of moving surfaces, added to ``J_t v``, (k,)
 
 
 def active_friction(
     model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts, surfaces: Surfaces | None
 ) -> FrictionRows | None:
-    """Return the rows of friction of `contacts.active_contacts`, or None.
+    """Return the rows of friction of `contacts.active_contacts`, or None if there are none.
 
-    They are those of MuJoCo's constraints, or, with pyramidal cones, half of the difference of two of these; where
-    MuJoCo's tangents are not in the tangent plane, those of others that are.
+    They are taken from MuJoCo's constraint rows; with pyramidal cones they are half of the difference of two rows, over
+    the coefficient. Where MuJoCo's tangents are not in the tangent plane, rows are made for corrected tangents.
     """
     found, index = data.contact, acted_on(data)
     _, order, swapped = sorted_geoms(found.geom[index])
@@ -182,10 +180,10 @@ def active_friction(
 
 
 def _straighten(frame: np.ndarray) -> np.ndarray:
-    """Make frames of contacts, (h, 9), orthogonal; return which were not, int (k,)."""
+    """Make contact frames, (h, 9), orthogonal; return the indices of those that were not, int (k,)."""
     skew = np.flatnonzero(np.abs(np.vecdot(frame[:, :3], frame[:, 3:6])) > ORTHOGONAL)
     if len(skew):
-        from impactlaw.scene.frames import straighten  # compiled: nothing that reading a scene should load
+        from impactlaw.scene.frames import straighten  # compiled code, which reading a scene should not load
 
         straighten(frame)
     return skew
@@ -200,14 +198,14 @@ def friction_on_contacts(
     jacobian: np.ndarray,
     impulse: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return impulses of friction on the second bodies of contacts, world frame: N s and N m s, (h, 3) each.
+    """Return the friction impulses on the second bodies of contacts, world frame: N s and N m s, (h, 3) each.
 
-    They are the vectors whose generalised impulses are those of the rows, whatever axes these have. A part that no body
-    can move along is left out: its row has no impulse.
+    They are the vectors with the same generalized impulses as the rows, whatever the axes of these. A component along
+    which no body can move is left out, since its row has no impulse.
 
     Args:
         model: the scene.
-        data: frames of the configuration that the rows are of.
+        data: the state; frames must be those of the rows.
         contacts: the contacts.
         contact: index of the contact of each row, int (k,); rows of sliding come first in a contact.
         jacobian: ``J_t``, (k, nv).

@@ -13,19 +13,19 @@ _JOINT = int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT)
 _TENDON = int(mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON)
 _BALL = int(mujoco.mjtJoint.mjJNT_BALL)
 NO_GEOM = -1
-"""Stands for both geoms of a contact that is a limit."""
+"""The geom ids of a contact that is a limit."""
 
 
 class LimitRows(NamedTuple):
-    """Limits near or reached."""
+    """Limits that are near or reached."""
 
-    code: np.ndarray  # which limit, int (l,): the same number for the same limit at any time, ascending
+    code: np.ndarray  # number of each limit, which never changes, ascending, int (l,)
     gap: np.ndarray  # distance from the limit, m or rad, (l,)
     jacobian: np.ndarray  # gap gradients, (l, nv)
 
 
 class LimitState(NamedTuple):
-    """What MuJoCo's data tells of its limits, copied under the same names."""
+    """A copy of the arrays of MuJoCo's data that describe limits, under the same names."""
 
     efc_id: np.ndarray
     efc_type: np.ndarray
@@ -37,16 +37,16 @@ class LimitState(NamedTuple):
 
     @classmethod
     def of(cls, data: mujoco.MjData) -> LimitState:
-        """Return a copy of what data tells now."""
+        """Return a copy of the current arrays."""
         return cls(*(getattr(data, name).copy() for name in cls._fields))
 
 
 class Limits:
-    """The limits of one scene.
+    """The limits of the joints and tendons of one scene.
 
     Attributes:
-        labels: name of the joint or tendon by code; a joint or tendon has two codes, lower and upper limit.
-        of_rows: whether MuJoCo's constraint rows are needed to tell them: some are of ball joints or tendons.
+        labels: name of the joint or tendon by code; each has two codes, for the lower and the upper limit.
+        of_rows: whether MuJoCo's constraint rows are needed to find limits, since ball joints or tendons have some.
     """
 
     def __init__(self, model: mujoco.MjModel):
@@ -70,7 +70,7 @@ class Limits:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Labels of all limits that the scene has."""
+        """Labels of all limits of the scene."""
         return tuple(label for label, on in zip(self.labels[::2], self._limited, strict=True) if on)
 
     def near(self, data: mujoco.MjData, within: float) -> LimitRows | None:
@@ -85,7 +85,7 @@ class Limits:
         return LimitRows(self._code_of.take(near), gap.take(near), self._gradients.take(near, axis=0))
 
     def read(self, data: mujoco.MjData) -> LimitRows:
-        """Return the limits among MuJoCo's constraint rows of now (``mj_makeConstraint``)."""
+        """Return the limits among MuJoCo's current constraint rows (``mj_makeConstraint``)."""
         rows = np.flatnonzero((data.efc_type == _JOINT) | (data.efc_type == _TENDON))
         code, J = np.empty(len(rows), dtype=int), np.empty((len(rows), self._model.nv))
         unit = np.zeros(data.nefc)
@@ -97,7 +97,7 @@ class Limits:
         return LimitRows(code, data.efc_pos[rows], J)
 
     def code(self, data: mujoco.MjData | LimitState, row: int) -> int:
-        """Return which limit a row of MuJoCo's constraints is of."""
+        """Return the code of the limit to which a constraint row of MuJoCo belongs."""
         model, i, gap = self._model, int(data.efc_id[row]), data.efc_pos[row]
         if data.efc_type[row] == _TENDON:
             value, span, number = data.ten_length[i], model.tendon_range[i], model.njnt + i
@@ -124,5 +124,5 @@ class Limits:
 
 
 def joined(contacts: Contacts, limits: Contacts) -> Contacts:
-    """Return contacts between geoms, then limits."""
+    """Return contacts between geoms, followed by limits."""
     return contacts.followed_by(limits) if len(contacts) else limits

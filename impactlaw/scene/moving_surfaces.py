@@ -1,16 +1,16 @@
-"""Surfaces that move by themselves: mocap bodies, and geoms whose surface runs like a belt.
+"""Surfaces with a prescribed motion: mocap bodies, and geoms whose surface runs like a belt.
 
-MuJoCo knows no velocity of a mocap body: its pose is set between steps, and jumps. Here it moves through a step, from
-the pose that the last step has left to the one that is set now, and a contact sees ``gamma = J v + w``. With the mean
-velocities u of this step and u' of the one before, its velocity is at first that at the end of the last step, in the
-end ``(3 u - u') / 2``, and a parabola in between: continuous, and right up to the square of the timestep. Where u and
-u' differ by more than `BLOW`, the body was struck: it moves at constant velocity u, and ``w- != w+`` at the start.
-A body that would move farther in a step than it is large, and faster than `PUT`, does not move: it is put where it is
-to be, and stands there.
+In MuJoCo a mocap body has no velocity: its pose is set between steps, and jumps. Here it moves during a step, from the
+pose of the last step to the one that is set now, and its contacts have ``gamma = J v + w``. Let u be its mean velocity
+in this step and u' that in the step before. Its velocity is a parabola in time, from the velocity at the end of the
+last step to ``(3 u - u') / 2``. This is continuous, with an error of the order of the square of the time step. If u and
+u' differ by more than `BLOW`, the body was struck: it moves at constant velocity u, and ``w- != w+`` at the start of
+the step. A body that would move farther in a step than its size, and faster than `PUT`, was put somewhere else: it is
+at rest in its new place.
 
-A geom's ``surfacevel`` moves its surface within itself. As in MuJoCo, it counts in the tangent plane of a contact, and
-about its normal, only: it takes along by friction of sliding and torsion, and never pushes. A model that was compiled
-without any has none for good: MuJoCo does not look at what is written into the compiled model then.
+The ``surfacevel`` of a geom moves its surface within itself. As in MuJoCo it acts in the tangent plane of a contact and
+about its normal only, through sliding and torsional friction, and never pushes. If no geom has a ``surfacevel`` when
+the model is compiled, MuJoCo ignores values that are written into the compiled model later.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ from impactlaw.scene.contacts import Contacts
 from impactlaw.scene.tolerances import BLOW, PUT
 
 TORSION = 2
-"""Kind of the row of torsion: rows of friction are two of sliding, one of torsion, two of rolling."""
-_NEXT, _LAST = [1, 2, 0], [2, 0, 1]  # of the axes x, y, z
+"""Kind of a torsional row; the kinds of friction rows are two of sliding, one of torsion, two of rolling."""
+_NEXT, _LAST = [1, 2, 0], [2, 0, 1]  # for each of the axes x, y, z, the next one and the one before
 
 
 class Motion(NamedTuple):
-    """How the second surface of each contact moves by itself, as seen from the first."""
+    """The prescribed motion of the second surface of each contact, relative to the first."""
 
-    velocity: np.ndarray  # of the contact point, world frame, m/s, (h, 3)
-    spin: np.ndarray  # angular velocity, world frame, rad/s, (h, 3)
-    belt: np.ndarray  # of surfaces that run within themselves, world frame, m/s, (h, 3)
-    belt_spin: np.ndarray  # angular velocity of these, world frame, rad/s, (h, 3)
+    velocity: np.ndarray  # of mocap bodies at the contact point, world frame, m/s, (h, 3)
+    spin: np.ndarray  # angular velocity of mocap bodies, world frame, rad/s, (h, 3)
+    belt: np.ndarray  # velocity of surfaces that run like belts, world frame, m/s, (h, 3)
+    belt_spin: np.ndarray  # angular velocity of these surfaces, world frame, rad/s, (h, 3)
 
     def along(self, axis: np.ndarray, contact: np.ndarray, kind: np.ndarray) -> np.ndarray:
-        """Return what that adds to rows of friction, m/s or rad/s, (k,), with these axes, (k, 3).
+        """Return the contribution to the velocities of friction rows, m/s or rad/s, (k,), with these axes, (k, 3).
 
-        The kind is 0 or 1 for sliding, 2 for torsion, more for rolling, int (k,).
+        The kind is 0 or 1 for sliding, 2 for torsion, larger for rolling, int (k,).
         """
         slides, twists = (kind < TORSION)[:, None], (kind == TORSION)[:, None]
         spin = self.spin[contact] + np.where(twists, self.belt_spin[contact], 0.0)
@@ -49,24 +49,24 @@ class Motion(NamedTuple):
 
 
 class LastMotion(NamedTuple):
-    """How mocap bodies have moved in the last step."""
+    """The motion of mocap bodies in the last step."""
 
-    time: float  # when it ended, s; NaN if there was none
-    target: np.ndarray  # poses that it went to, (nmocap, 7)
+    time: float  # when the step ended, s; NaN if there was no step
+    target: np.ndarray  # poses at its end, (nmocap, 7)
     mean: np.ndarray  # mean velocities, (nmocap, 6)
-    last: np.ndarray  # velocities at the end, (nmocap, 6)
+    last: np.ndarray  # velocities at its end, (nmocap, 6)
 
 
 class Surfaces:
     """The moving surfaces of one scene.
 
     Attributes:
-        meet: whether mocap bodies can meet others.
-        carrier: which mocap body carries each geom that can meet others; else -1, int32 (ngeom,).
+        meet: whether mocap bodies can touch other bodies.
+        carrier: the mocap body that carries each geom that can touch others, else -1, int32 (ngeom,).
         arm: how far these geoms reach from their mocap bodies, m, (nmocap,).
         run: whether surfaces may run like belts.
-        still: whether no body moves in this step, nor did at the end of the one before.
-        goes_on: whether the velocities at the start of this step are those at the end of the one before.
+        still: whether no mocap body moves in this step or moved at the end of the step before.
+        goes_on: whether velocities at the start of this step equal those at the end of the step before.
     """
 
     def __init__(self, model: mujoco.MjModel, geoms: np.ndarray):
@@ -88,11 +88,11 @@ class Surfaces:
 
     @property
     def move(self) -> bool:
-        """Whether bodies of the scene that can meet others move in this step."""
+        """Whether mocap bodies that can touch others move in this step."""
         return self.meet and not self.still
 
     def _measure(self) -> None:
-        """Find how far geoms reach, unless nothing has changed since."""
+        """Compute how far geoms reach, if the model has changed since the last time."""
         model = self._model
         seen = [field.tobytes() for field in (model.geom_rbound, model.geom_pos, model.body_pos)]
         if seen == self._measured:
@@ -103,7 +103,7 @@ class Surfaces:
             self.arm[body] = max(self.arm[body], self._distance(geom))
 
     def _distance(self, geom: int) -> float:
-        """Return how far from its mocap body a geom can reach, m, joints between them left out."""
+        """Return how far a geom reaches from its mocap body, m, if joints between them do not move."""
         model = self._model
         reach, body = model.geom_rbound[geom] + np.linalg.norm(model.geom_pos[geom]), model.geom_bodyid[geom]
         while model.body_mocapid[body] < 0:
@@ -111,9 +111,9 @@ class Surfaces:
         return float(reach)
 
     def begin(self, data: mujoco.MjData, duration: float) -> None:
-        """Let a step of this duration begin, s: bodies move to the poses of data from where the last one has left them.
+        """Begin a step of this duration, s, in which bodies move to the poses in data from those of the last step.
 
-        They stand still if that step did not end now.
+        If the last step did not end at the current time, they are at rest.
         """
         if self.meet:
             self._measure()
@@ -146,12 +146,15 @@ class Surfaces:
         self.still = not any(map(np.count_nonzero, (self._before, self._first, self._last, mean)))
 
     def _can_go(self, target: np.ndarray, duration: float) -> np.ndarray:
-        """Return which bodies can go to poses (nmocap, 7) in a step of this duration, s, and are not put there."""
+        """Return which bodies move to poses (nmocap, 7) in a step of this duration, s, instead of being put there."""
         far = np.linalg.norm(target[:, :3] - self._target[:, :3], axis=1)
         return far <= np.maximum(2.0 * self.arm, PUT * duration)
 
     def _speeds(self, velocity: np.ndarray) -> list[float]:
-        """Return how fast a point of each body can be at velocities (nmocap, 6), m/s; they are few, mostly one."""
+        """Return a bound on the speed of any point of each body at velocities (nmocap, 6), m/s.
+
+        Plain Python is fast here, since most scenes have one mocap body.
+        """
         return [
             sqrt(x * x + y * y + z * z) + arm * sqrt(p * p + q * q + r * r)
             for (x, y, z, p, q, r), arm in zip(velocity.tolist(), self.arm.tolist(), strict=True)
@@ -159,32 +162,32 @@ class Surfaces:
 
     @property
     def last_motion(self) -> LastMotion:
-        """How bodies have moved in the step that has ended last."""
+        """The motion of mocap bodies in the last step that has ended."""
         return LastMotion(self._time, self._target, self._mean, self._last)
 
     def go_on(self, motion: LastMotion) -> None:
-        """Let the next step go on from another last one."""
+        """Continue the next step from another last motion."""
         self._time, self._target, self._mean, self._last = motion
         self.still = False
 
     def from_here(self, data: mujoco.MjData) -> Surfaces:
-        """Return the same surfaces as if the step before had ended now, where and as fast as they are now."""
+        """Return a copy for which the last step has ended now, with the current poses and velocities."""
         here = copy.copy(self)
         here._time, here._target = data.time, np.hstack([data.mocap_pos, data.mocap_quat])
         here._mean = here._last = self._before if data.time == self._time else self._now(data)
         return here
 
     def end(self, data: mujoco.MjData) -> None:
-        """Let the step end now, in the poses that it went to."""
+        """End the step now, with its target poses."""
         self.aim(data)
         self._time = data.time
 
     def aim(self, data: mujoco.MjData) -> None:
-        """Put the bodies where the step ends: there MuJoCo sees them from its beginning."""
+        """Put the bodies in their poses at the end of the step, where MuJoCo has them during the whole step."""
         data.mocap_pos[:], data.mocap_quat[:] = self._target[:, :3], self._target[:, 3:]
 
     def place(self, data: mujoco.MjData) -> None:
-        """Put the bodies where they are now."""
+        """Put the bodies in their poses at the current time."""
         s = (data.time - self._time) / self._duration
         if self.still or s >= 1.0 - 1e-9:
             self.aim(data)
@@ -201,12 +204,12 @@ class Surfaces:
             data.mocap_quat[i] = turned
 
     def jumps(self, data: mujoco.MjData) -> bool:
-        """Whether data is at the start of a step in which surfaces have another velocity than in the step before."""
+        """Whether data is at the start of a step at which the velocity of surfaces jumps."""
         return data.time == self._time and self._first is not self._before
 
     @property
     def speed(self) -> float:
-        """How fast a point of a moving surface is at most, m/s."""
+        """A bound on the speed of any point of a moving surface in this step, m/s."""
         if self.still:
             return 0.0
         ends = (self._first, self._last, 1.5 * self._mean - 0.25 * (self._first + self._last))
@@ -218,7 +221,7 @@ class Surfaces:
         return first * self._first + last * self._last + mean * self._mean
 
     def drift(self, data: mujoco.MjData, contacts: Contacts, *, before: bool = False) -> np.ndarray:
-        """Return ``w`` of these contacts, m/s, (h,); with the velocities before the step if asked for."""
+        """Return ``w`` of these contacts, m/s, (h,), now or, with ``before``, from velocities before the step."""
         velocity, _ = self._relative(data, contacts, self._before if before else self._now(data))
         return np.vecdot(contacts.normal, velocity)
 
@@ -235,7 +238,7 @@ class Surfaces:
         return Motion(velocity, spin, belt, belt_spin)
 
     def _belt(self, data: mujoco.MjData, geom: int, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return velocity and angular velocity of a surface that runs, world frame, (3,) each."""
+        """Return the velocity and angular velocity of a running surface at a point, world frame, (3,) each."""
         own, turn = self._model.geom_surfacevel[geom], data.geom_xmat[geom].reshape(3, 3)
         spin = turn @ own[3:]
         return turn @ own[:3] + np.cross(spin, point - data.geom_xpos[geom]), spin

@@ -1,4 +1,4 @@
-"""The options of a scene that stepping changes while it works: no contacts to integrate, nothing else to detect."""
+"""Temporary changes of a scene's options: smooth phases integrate without contacts, detection reads only contacts."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ _LIMIT = int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
 _OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
 _SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
 _DENSE, _AUTO = int(mujoco.mjtJacobian.mjJAC_DENSE), int(mujoco.mjtJacobian.mjJAC_AUTO)
-_SPARSE_FREEDOM = 60  # degrees of freedom from which MuJoCo's own choice of Jacobian is a sparse one
+_SPARSE_FREEDOM = 60  # degrees of freedom from which MuJoCo's automatic choice is a sparse Jacobian
 _CCD_ITERATIONS = 100
 
 
 class BorrowedOptions:
-    """Changes ``model.opt`` within a ``with`` block: what the user has set is read at its start and back at its end.
+    """A ``with`` block in which ``model.opt`` may be changed; the user's options are saved and restored.
 
     Args:
         model: the scene.
-        convex: whether pairs of geoms are measured by MuJoCo's general convex collider, which then is to be exact.
-        limits: whether constraint rows are to tell which limits of joints and tendons are near.
+        convex: whether MuJoCo's general convex collider measures pairs of geoms; its tolerance is then tightened.
+        limits: whether near limits of joints and tendons are to be read from constraint rows.
         bilateral: whether equality constraints take part in collisions.
 
     Attributes:
-        timestep: that the user has set, s.
-        disabled: flags of what the user has disabled.
-        enabled: flags of what the user has enabled.
-        several: whether MuJoCo is to look for several contacts of faces, as the user has set.
-        limited: whether limits are on, as the user has set. (Contacts that are off are not reported.)
+        timestep: the user's time step, s.
+        disabled: the user's disable flags.
+        enabled: the user's enable flags.
+        several: whether the user lets MuJoCo look for several contacts between faces.
+        limited: whether the user has limits on. (If contacts are off, detection reports none.)
     """
 
     def __init__(self, model: mujoco.MjModel, *, convex: bool, limits: bool, bilateral: bool = False):
@@ -78,10 +78,10 @@ class BorrowedOptions:
             opt.ccd_tolerance, opt.ccd_iterations = self._kept_ccd
         if self._limits:
             self._model.jnt_margin[:], self._model.tendon_margin[:] = self._kept_margins
-        del self._opt  # neither copied nor pickled
+        del self._opt  # cannot be copied or pickled
 
     def integrate(self, duration: float) -> None:
-        """Let a step take ``duration`` s, without contacts."""
+        """Set the options for a step of ``duration`` s without contacts."""
         opt = self._opt
         if duration != opt.timestep:
             opt.timestep = duration
@@ -90,10 +90,10 @@ class BorrowedOptions:
             opt.jacobian = self._jacobian
 
     def look(self, within: float) -> None:
-        """Let collision detection report the nearest contact of every pair closer than ``within`` m.
+        """Set the options for detection of the nearest contact of every pair of geoms closer than ``within`` m.
 
-        Whatever margins the scene has. Constraint rows made meanwhile are those of equality constraints, limits and
-        contacts, and dense.
+        The margins of the scene do not matter. Constraint rows made with these options are dense, and are those of
+        equality constraints, limits and contacts only.
         """
         opt = self._opt
         opt.disableflags, opt.enableflags = self._look
@@ -105,5 +105,5 @@ class BorrowedOptions:
             self._model.tendon_margin[:] = within
 
     def look_for_several(self) -> None:
-        """Let collision detection report several contacts of faces that meet."""
+        """Let collision detection report several contacts between faces."""
         self._opt.disableflags &= ~_SINGLE

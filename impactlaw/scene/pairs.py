@@ -1,4 +1,4 @@
-"""Which geoms of a scene can meet, how thick they are, and what their types say about their contacts."""
+"""Pairs of geoms that can collide, the thickness of geoms, and properties of contacts that follow from geom types."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from impactlaw.scene.tolerances import MIN_FRICTION, SKIN
 
 @dataclass(frozen=True, eq=False)
 class GeomPairs:
-    """Pairs of geoms that MuJoCo's filters let collide."""
+    """The pairs of geoms that can collide under MuJoCo's filters."""
 
     geoms: np.ndarray  # geom ids, the lower one first, int (p, 2)
     friction: np.ndarray  # whether contacts of the pair have friction, bool (p,)
 
 
 def geom_pairs(model: mujoco.MjModel) -> GeomPairs:
-    """List the pairs of geoms that can collide.
+    """Return the pairs of geoms that can collide.
 
     MuJoCo's rules: explicit pairs, contype and conaffinity, welded and parent-child bodies, excluded bodies, and bodies
     that cannot move, fixed or mocap.
@@ -50,21 +50,21 @@ def geom_pairs(model: mujoco.MjModel) -> GeomPairs:
 
 
 def thickness(model: mujoco.MjModel) -> np.ndarray:
-    """Smallest half-extent of each geom, m, (ngeom,); planes have no end."""
+    """Return the smallest half-extent of each geom, m, (ngeom,); it is infinite for planes."""
     kind, size, box = model.geom_type, model.geom_size, model.geom_aabb[:, 3:].min(axis=1, initial=np.inf)
     known = [_PLANE[kind], _THREAD[kind], _CYLINDER[kind]]
     return np.select(known, [np.full(len(kind), np.inf), size[:, 0], size[:, :2].min(axis=1)], box)
 
 
 def _kinds(*names: str) -> np.ndarray:
-    """Return a table by geom type with these types marked, bool."""
+    """Return a bool table over geom types in which these types are True."""
     table = np.zeros(int(mujoco.mjtGeom.mjGEOM_SDF) + 1, dtype=bool)
     table[[int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in names]] = True
     return table
 
 
 _PLANE = _kinds("PLANE")
-_THREAD = _kinds("SPHERE", "CAPSULE")  # as thick as its radius says
+_THREAD = _kinds("SPHERE", "CAPSULE")  # half-extent is the radius
 _CYLINDER = _kinds("CYLINDER")
 _BOX = _kinds("BOX")
 _SPHERE = _kinds("SPHERE")
@@ -89,18 +89,18 @@ def one_contact(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
 
 
 def vague_contacts(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
-    """Return which pairs of geoms may touch anywhere in common faces, not always in the same points, bool (n,)."""
+    """Return which pairs of geoms may touch anywhere on common faces, at points that may change, bool (n,)."""
     kind = model.geom_type[geoms]
     several = np.any(_VAGUE[kind], axis=1) & ~np.any(_SPHERE[kind], axis=1)
     return np.logical_and(several, ~one_contact(model, geoms))
 
 
 def rolling_contacts(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
-    """Return which vague contacts run along one edge or face, not from piece to piece of a surface, bool (n,)."""
+    """Return which vague contacts move along one edge or face, not from piece to piece of a surface, bool (n,)."""
     return vague_contacts(model, geoms) & ~np.any(_PIECES[model.geom_type[geoms]], axis=1)
 
 
 def several_contacts(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
-    """Return for which pairs of geoms MuJoCo looks for several contacts between faces (``multiccd``), bool (n,)."""
+    """Return the pairs of geoms for which MuJoCo looks for several contacts between faces (``multiccd``), bool (n,)."""
     kind = model.geom_type[geoms]
     return np.logical_and(np.all(_FACED[kind], axis=1), np.any(_MANIFOLD[kind], axis=1))

@@ -1,4 +1,4 @@
-"""What the geoms of contacts say, whatever their configuration is: learned once for each sequence of contacts."""
+"""Properties of contacts that depend only on their geoms, computed once for each sequence of contacts."""
 
 from __future__ import annotations
 
@@ -12,35 +12,35 @@ from impactlaw.scene.friction_rows import FrictionPattern, learn_friction
 from impactlaw.scene.joint_limits import NO_GEOM
 from impactlaw.scene.pairs import one_contact, rolling_contacts, several_contacts, touching_distance, vague_contacts
 
-_REMEMBERED = 256  # patterns; a pile has many
+_REMEMBERED = 256  # most patterns that are kept; a pile of bodies has many
 
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """What the geoms of a sequence of contacts say, whatever their configuration is."""
+    """The properties of a sequence of contacts that depend only on the geoms, not on the configuration."""
 
     labels: tuple[str, ...]  # as in `Contacts`
     geoms: np.ndarray  # as in `Contacts`, int (h, 2)
     key: np.ndarray  # one number per pair of geoms, ascending, (h,)
-    single: np.ndarray  # which contacts are of pairs that never have more than one, bool (h,)
-    all_single: bool  # whether all are
+    single: np.ndarray  # contacts of pairs that never have more than one contact, bool (h,)
+    all_single: bool  # whether all contacts are single and no pair appears twice
     distinct: bool  # whether no two contacts are of the same pair
-    vague: np.ndarray  # which contacts may be anywhere in common faces, bool (h,)
-    rolling: np.ndarray  # which of those run along one edge or face, not from piece to piece of a surface, bool (h,)
+    vague: np.ndarray  # contacts that may be anywhere on common faces, bool (h,)
+    rolling: np.ndarray  # vague contacts that move along one edge or face, not from piece to piece of a surface, (h,)
     skin: np.ndarray | None  # distance at which the geoms touch, m, (h,); None if 0 for all
-    several: bool  # whether MuJoCo is to look for several contacts of a pair
-    order: np.ndarray | None  # indices that bring MuJoCo's contacts into order; None if they are in it
+    several: bool  # whether MuJoCo should look for several contacts of a pair
+    order: np.ndarray | None  # indices that sort MuJoCo's contacts; None if they are sorted already
     sign: np.ndarray | None  # -1 where MuJoCo has the higher geom id first, else 1, (h, 1); None if 1 for all
-    friction: FrictionPattern | None  # which rows of friction they have; None if they have none, or it is ignored
+    friction: FrictionPattern | None  # rows of friction; None if there are none, or friction is ignored
     found: bytes  # geom ids in MuJoCo's order, as bytes
-    plain: bool  # whether each pair has one contact, whose distance in MuJoCo is the gap, and nothing else has rows
+    plain: bool  # each pair has one contact, whose distance in MuJoCo is the gap; no limits or equality constraints
 
     def __len__(self) -> int:
         return len(self.labels)
 
     @property
     def geom_contacts(self) -> int:
-        """How many of the contacts are of geoms: all but limits."""
+        """Number of contacts between geoms: all but limits."""
         return len(self.found) // 8  # two int32 each
 
 
@@ -62,11 +62,11 @@ class Patterns:
         self._known: dict[bytes, Pattern] = {}
 
     def forget(self) -> None:
-        """Learn them anew from the model of now."""
+        """Forget all patterns, so that they are read from the current model again."""
         self._known.clear()
 
     def of(self, geoms: np.ndarray) -> Pattern:
-        """Return what geom ids in MuJoCo's order, int32 (h, 2), say."""
+        """Return the pattern for geom ids in MuJoCo's order, int32 (h, 2)."""
         seen = geoms.tobytes()
         pattern = self._known.get(seen)
         return self._remember(seen, self._learn(geoms)) if pattern is None else pattern

@@ -1,4 +1,4 @@
-"""What a model and its state say about contact now; both are left as they are."""
+"""Reading of the current contacts from a model and its state, without changing them."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ _NOT_FINITE = "qpos or a pose of a mocap body is not finite"
 
 
 def read_contacts(model: mujoco.MjModel, data: mujoco.MjData, *, within: float = GAP_TOLERANCE) -> Contacts:
-    """Return the contacts whose gap is at most ``within`` now; model and data are left as they are.
+    """Return the contacts whose gap is at most ``within`` now; model and data are not changed.
 
     Args:
         model: the compiled scene.
-        data: its state; only qpos, mocap poses and which equality constraints are active are read, so that stale
+        data: its state; only qpos, mocap poses and the active flags of equality constraints are read, so that stale
             derived quantities do not matter.
-        within: largest gap reported, 0 or more, m, or rad for limits. Geoms that overlap are reported whatever it is.
+        within: largest gap reported, 0 or more, m, or rad for limits. Geoms that overlap are always reported.
 
     Raises:
-        SceneError: a contact that is not between two geoms (a flex); or data is of another model.
+        SceneError: a contact is not between two geoms (a flex); or data belongs to another model.
         DivergenceError: a position is not finite.
-        OptionError: within is no number of 0 or more.
+        OptionError: within is not a number of at least 0.
     """
     _check_state(model, data)
     if not (isinstance(within, numbers.Real) and 0.0 <= float(within) < math.inf):
@@ -42,17 +42,17 @@ def read_contacts(model: mujoco.MjModel, data: mujoco.MjData, *, within: float =
 def read_closed(
     model: mujoco.MjModel, data: mujoco.MjData, *, friction: bool = False
 ) -> tuple[np.ndarray, Found, FrictionRows | None]:
-    """Return the mass matrix, (nv, nv), what is closed now, with equality constraints, and its friction if asked for.
+    """Return the mass matrix, (nv, nv), the closed contacts with equality constraints, and friction if asked for.
 
     Raises:
-        SceneError: a contact that is not between two geoms (a flex); or data is of another model.
+        SceneError: a contact is not between two geoms (a flex); or data belongs to another model.
         InvalidCollisionError: a position is not finite.
         OptionError: friction is not True or False.
     """
     _check_state(model, data)
     if not isinstance(friction, bool | np.bool_):
         raise OptionError(f"friction is True or False: whether to read the friction of contacts; got {friction!r}")
-    if not _finite(data):  # MuJoCo leaves contacts of such bodies out
+    if not _finite(data):  # MuJoCo would leave out the contacts of such bodies
         raise InvalidCollisionError(f"{_NOT_FINITE} at t = {data.time:.6g} s: there is no collision to read")
     scratch = _position_copy(model, data)
     near = Detector(model).near(scratch, GAP_TOLERANCE)
@@ -69,7 +69,7 @@ def _friction(model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts) ->
 
 
 def _check_state(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Refuse what is no model and its state; numbers of another one would be put into too many places, or too few."""
+    """Raise `SceneError` unless data is the state of the model; the arrays of another model may differ in size."""
     if not isinstance(model, mujoco.MjModel) or not isinstance(data, mujoco.MjData):
         kinds = f"{type(model).__name__} and {type(data).__name__}"
         raise SceneError(f"contacts are read from a mujoco.MjModel and its mujoco.MjData, got {kinds}")
