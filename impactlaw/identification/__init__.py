@@ -1,4 +1,4 @@
-"""Laws from measurements: read collisions, audit them, fit a family of laws, and see how it predicts."""
+"""Identification of laws from measured collisions: read them, audit them, fit a family of laws, cross-validate it."""
 
 from impactlaw.identification.auditing import Audit, Cause, audit
 from impactlaw.identification.families import FAMILIES

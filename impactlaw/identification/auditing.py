@@ -1,4 +1,4 @@
-"""An audit of measured collisions: what physics they violate, and what one change would mend it."""
+"""An audit of measured collisions: which physics they violate, and which single change would repair it."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from impactlaw.mechanics.impact import Impact
 TOLERANCE = 0.1
 """Violation, relative to |v-|, up to which a measured collision counts as admissible."""
 _BETTER = 0.8  # share of collisions that a likely cause must improve
-_HALF = 0.5  # part of the median violation that it may leave
+_HALF = 0.5  # largest part of the median violation that may remain under a likely cause
 _NOTHING = 1e-9  # violation that is rounding
-_SAMPLE = 200  # collisions that friction and inertias are tried on
-_MOST_FREEDOMS = 12  # degrees of freedom whose signs and inertias are tried, one by one
+_SAMPLE = 200  # collisions on which friction and inertias are tried
+_MOST_FREEDOMS = 12  # most degrees of freedom for which signs and inertias are tried, one by one
 _FRICTIONS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5)
 _RATIOS = np.geomspace(0.05, 20.0, 31)
 
 
 @dataclass(frozen=True)
 class Cause:
-    """What one change would do to the measurements.
+    """A possible cause of violations: one change of the measurements, and its effect.
 
     Attributes:
-        name: of the change.
-        value: of what was fitted anew, a ratio or a coefficient; nan for a sign.
-        better: share of the collisions that violate less with it, of those that violate anything with it or without.
-        better_of_bad: the same of those that violate by more than `TOLERANCE` without it; nan if none do.
-        before: median violation without it, relative to ``|v-|``.
-        after: median violation with it.
+        name: name of the change.
+        value: the value fitted for it, a ratio or a coefficient; nan for a sign.
+        better: share of collisions whose violation the change reduces, among those with a violation before or after.
+        better_of_bad: the same among collisions whose violation exceeds `TOLERANCE` before; nan if there are none.
+        before: median violation without the change, relative to ``|v-|``.
+        after: median violation with the change.
     """
 
     name: str
@@ -48,20 +48,20 @@ class Cause:
 
     @property
     def is_likely(self) -> bool:
-        """Whether it mends most collisions, and most of the violation."""
+        """Whether the change improves most collisions and removes most of the violation."""
         return self.better >= _BETTER and self.after <= _HALF * self.before and self.before > 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Audit:
-    """How measured outcomes lie to S(v-), each violation relative to ``|v-|``, (n,).
+    """The violations of S(v-) by measured outcomes, each relative to ``|v-|``, (n,).
 
     Attributes:
         kinematic: penetration.
-        kinetic: impulses that pull, leave the friction cones, or are no impulses of contact at all.
+        kinetic: impulses that pull, leave the friction cones, or are not contact impulses at all.
         energetic: gain of energy.
-        momentum: part of the velocity jump that no impulse of contact makes, pulling and friction cones aside.
-        causes: changes that were tried, the most likely one first.
+        momentum: part of the velocity jump that contact impulses of any sign and size cannot cause.
+        causes: changes that were tried, the most likely first.
     """
 
     kinematic: np.ndarray
@@ -77,24 +77,24 @@ class Audit:
 
     @property
     def admissible(self) -> float:
-        """Share of collisions that violate nothing by more than `TOLERANCE`."""
+        """Share of collisions without a violation above `TOLERANCE`."""
         return float(np.mean(self.largest <= TOLERANCE))
 
     @property
     def likely_causes(self) -> tuple[Cause, ...]:
-        """Changes that would mend most of it; none where little is violated."""
+        """Changes that would remove most of the violation; empty if there is little violation."""
         return tuple(cause for cause in self.causes if cause.is_likely)
 
 
 def audit(collisions: Sequence[Collision], post_velocities: Sequence[ArrayLike] | np.ndarray) -> Audit:
-    """Return what measured collisions violate, and what one change would do: a sign, an inertia, friction.
+    """Return the violations of measured collisions, and the effects of single changes: a sign, an inertia, friction.
 
     Args:
-        collisions: what collided.
-        post_velocities: v+ of each, (nv,).
+        collisions: the collisions.
+        post_velocities: measured v+ of each collision, (nv,).
 
     Raises:
-        MeasurementError: no collisions, or velocities that do not fit.
+        MeasurementError: there are no collisions, or velocities do not fit.
     """
     measured = Measurements(collisions, post_velocities)
     found = np.array([_violations(c, v) for c, v in zip(measured.collisions, measured.post_velocities, strict=True)])
@@ -123,7 +123,7 @@ def _misfits(measured: Measurements, change=None) -> np.ndarray:
 
     Args:
         measured: the collisions.
-        change: makes M, J_n and J_t of a collision anew, ``(M, J, J_t) -> (M, J, J_t)``.
+        change: a function that changes M, J_n and J_t of a collision, ``(M, J, J_t) -> (M, J, J_t)``.
     """
     misfits = []
     for c, v in zip(measured.collisions, measured.post_velocities, strict=True):
@@ -166,7 +166,7 @@ def _signs(measured: Measurements, before: np.ndarray) -> list[Cause]:
 
 
 def _inertias(measured: Measurements, some: Measurements, before: np.ndarray) -> list[Cause]:
-    """Try other masses and inertias, on some of the collisions first: one diagonal entry of M times a ratio."""
+    """Try to multiply one diagonal entry of M, a mass or inertia, by a ratio, found on a sample of the collisions."""
     from scipy.optimize import minimize_scalar
 
     causes = []
@@ -186,7 +186,7 @@ def _inertias(measured: Measurements, some: Measurements, before: np.ndarray) ->
 
 
 def _friction(some: Measurements) -> list[Cause]:
-    """Try other coefficients of friction of the collisions that have some."""
+    """Try other coefficients of friction for the collisions with friction."""
     rubbing = [i for i, c in enumerate(some.collisions) if largest_friction([c])]
     if not rubbing:
         return []

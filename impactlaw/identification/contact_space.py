@@ -1,4 +1,4 @@
-"""Collisions of which only contact velocities and the Delassus matrix are known."""
+"""Collisions made from contact velocities and the Delassus matrix alone."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from impactlaw.mechanics.friction import Friction
 from impactlaw.recording.layout import MOST_COUPLED
 
 _RANK = 1e-9  # eigenvalue of G, relative to the largest one, that is rounding
-_REACHED = 1e-6  # part of the contact velocities that may change, or move surfaces, outside of the range of G
-_CONSTANT = 1e-3  # misfit, relative to the jumps, up to which one G explains all collisions
+_REACHED = 1e-6  # relative size of contact velocities outside of the range of G, or of their change, that is ignored
+_CONSTANT = 1e-3  # misfit relative to the jumps up to which one G explains all collisions
 _WAY_OUT = (
     "write a table that has it in a column delassus, or mass_matrix and jacobian (recordings have it of up to "
     f"{MOST_COUPLED} contacts and rows of friction)"
@@ -23,21 +23,21 @@ _WAY_OUT = (
 def collision_of(
     G: np.ndarray, before: np.ndarray, after: np.ndarray, labels: tuple[str, ...], contact: np.ndarray, mu: np.ndarray
 ) -> tuple[Collision, np.ndarray]:
-    """Return a collision with M = 1, ``J J^T = G`` and these contact velocities, and v+.
+    """Return a collision with M = 1, ``J J^T = G`` and these contact velocities, and its v+.
 
-    What no impulse can change of contact velocities, as what a robot that moves in a plane has across it, or what
-    equality constraints move, is that of surfaces.
+    The part of contact velocities that no impulse can change becomes the velocity of surfaces. Examples are motion
+    across the plane of a planar robot, and motion that equality constraints prescribe.
 
     Args:
-        G: of normal rows, then those of friction, (h + k, h + k).
+        G: Delassus matrix of the normal rows followed by the friction rows, (h + k, h + k).
         before: ``gamma-``, then ``gamma_t-``, (h + k,).
         after: ``gamma+``, then ``gamma_t+``, (h + k,).
-        labels: of the contacts, (h,).
-        contact: of each row of friction, (k,).
+        labels: labels of the contacts, (h,).
+        contact: index of the contact of each friction row, (k,).
         mu: coefficients of friction, (k,).
 
     Raises:
-        MeasurementError: G is not symmetric and positive semidefinite, or no motion has this jump.
+        MeasurementError: G is not symmetric and positive semidefinite, or no motion has this velocity jump.
     """
     h = len(labels)
     if not np.allclose(G, G.T, rtol=0, atol=1e-8 * np.abs(G).max()):
@@ -65,10 +65,10 @@ def delassus_by_contacts(
     after: Sequence[np.ndarray],
     impulses: Sequence[np.ndarray | None],
 ) -> list[np.ndarray]:
-    """Return G of each collision by ``gamma+ - gamma- = G Lambda``, the same for all with the same contacts.
+    """Return G of each collision, fitted to ``gamma+ - gamma- = G Lambda``, the same for all with the same contacts.
 
     Raises:
-        MeasurementError: impulses are missing, too few collisions, or no G explains them.
+        MeasurementError: impulses are missing, there are too few collisions, or no G explains them.
     """
     known: dict[tuple, np.ndarray] = {}
     keys = [(own, tuple(rows)) for own, rows in zip(labels, contacts, strict=True)]
@@ -86,10 +86,10 @@ def delassus_by_contacts(
 
 
 def symmetric_least_squares(L: np.ndarray, D: np.ndarray, labels: tuple[str, ...]) -> np.ndarray:
-    """Return the symmetric G with the least ``|L G - D|``, rows of L are impulses and of D jumps, (m, n) each."""
+    """Return the symmetric G that minimizes ``|L G - D|``, with impulses in the rows of L and jumps in D, (m, n)."""
     n = L.shape[1]
     rows, columns = np.triu_indices(n)
-    basis = np.zeros((len(rows), n, n))  # symmetric matrices with one entry, or two, of 1
+    basis = np.zeros((len(rows), n, n))  # symmetric matrices with one or two entries of 1
     basis[np.arange(len(rows)), rows, columns] = basis[np.arange(len(rows)), columns, rows] = 1.0
     A = np.einsum("mj,pij->mip", L, basis).reshape(-1, len(rows))
     x, _, rank, _ = np.linalg.lstsq(A, D.ravel(), rcond=1e-9)

@@ -1,4 +1,4 @@
-"""The families of laws that can be fitted: their parameters, the law that these make, and where friction comes from."""
+"""The families of laws that can be fitted: their parameters, and how these determine law and friction."""
 
 from __future__ import annotations
 
@@ -12,36 +12,36 @@ from impactlaw.identification.measurements import Measurements
 from impactlaw.laws import Compliant, Coulomb, Law, Moreau, Newton, Poisson, Reversal, Routh
 from impactlaw.mechanics.collision import Collision
 
-_STIFFEST = 1e4  # ratio of stiffness to that of the first contact that is looked for
-_WIDE, _NARROW = (0.0, 3.0, -3.0, 6.0, -6.0), (0.0, 4.0, -4.0)  # logarithms of such ratios where searches begin
+_STIFFEST = 1e4  # largest ratio of a stiffness to that of the first contact
+_WIDE, _NARROW = (0.0, 3.0, -3.0, 6.0, -6.0), (0.0, 4.0, -4.0)  # initial values for logarithms of these ratios
 _SEARCHES = 4
-_RATIOS = ((), (), _WIDE, _WIDE, _NARROW)  # for so many contacts
+_RATIOS = ((), (), _WIDE, _WIDE, _NARROW)  # by number of contacts
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of a law."""
+    """One parameter of a law."""
 
     name: str  # for tables
-    low: float  # least value
-    high: float  # largest value
-    starts: tuple[float, ...]  # where the search begins
+    low: float  # lower bound
+    high: float  # upper bound
+    starts: tuple[float, ...]  # initial values for the search
 
 
 @dataclass(frozen=True)
 class Family:
     """A family of laws over the contacts of some measurements."""
 
-    name: str  # of the family
-    parameters: tuple[Parameter, ...]  # its numbers
-    make: Callable[[np.ndarray], Law]  # the law of these numbers
-    # the largest coefficient of friction of the collisions, which the last parameter takes the place of; 0 if none does
+    name: str  # name of the family
+    parameters: tuple[Parameter, ...]  # parameters of the family
+    make: Callable[[np.ndarray], Law]  # makes the law with these parameter values
+    # the largest coefficient of friction of the collisions, if the last parameter replaces it; else 0
     largest: float = 0.0
-    # from so many of the best starts one goes on, until it fits: several where there are local minima
+    # number of best starts that are searched from, until one fits; several where there are local minima
     searches: int = 1
 
     def predicted(self, measured: Measurements, values: np.ndarray) -> list[np.ndarray]:
-        """Return v+ of all collisions, (nv,) each."""
+        """Return the predicted v+ of all collisions, (nv,) each."""
         mu = float(values[-1]) if self.largest else None
         return outcomes(self.make(values), measured.collisions, mu, self.largest)
 
@@ -49,14 +49,14 @@ class Family:
 def outcomes(
     law: Law, collisions: Sequence[Collision], friction: float | None = None, largest: float = 1.0
 ) -> list[np.ndarray]:
-    """Return v+ of collisions, (nv,) each, with another friction where one is given; see `with_friction`."""
+    """Return v+ of collisions under a law, (nv,) each, with another friction if given; see `with_friction`."""
     if friction is not None:
         collisions = [with_friction(c, friction, largest) for c in collisions]
     return [law.resolve(c).post_velocity for c in collisions]
 
 
 def largest_friction(collisions: Sequence[Collision]) -> float:
-    """Return the largest coefficient of friction of sliding that collisions were given; 0 if none has friction."""
+    """Return the largest coefficient of sliding friction of the collisions; 0 if no collision has friction."""
     return max((_sliding_coefficients(c).max(initial=0.0) for c in collisions), default=0.0)
 
 
@@ -68,11 +68,10 @@ def _sliding_coefficients(collision: Collision) -> np.ndarray:
 
 
 def with_friction(collision: Collision, coefficient: float, largest: float | None = None) -> Collision:
-    """Return the collision with a coefficient of friction in the place of ``largest``, its own if None.
+    """Return the collision with all coefficients of friction scaled so that ``largest`` becomes ``coefficient``.
 
-    All coefficients keep their ratios.
-
-    One without friction, such as that of limits of joints, is returned itself.
+    ``largest`` is by default the largest coefficient of this collision. A collision without friction, such as one of
+    joint limits, is returned unchanged.
     """
     friction = collision.friction
     if friction is None or not len(friction):
@@ -144,4 +143,4 @@ FAMILIES: dict[str, Callable[[Measurements], Family] | None] = {
     "routh": _sliding("routh", Routh),
     "compliant": _compliant,
 }
-"""What `fit` knows."""
+"""The families that `fit` knows, by name."""

@@ -22,9 +22,9 @@ from impactlaw.laws.restitution.labels import canonical
 from impactlaw.mechanics.collision import Collision
 
 _SOLVED = 1e-16  # squared error per collision that needs no further search
-_MOST_STEPS = 30  # of a search, each with a derivative: those that converge take fewer
-_LIMIT = 1e-6  # distance from a bound at which the search begins
-_MOST_STARTS = 256  # combinations of where single parameters begin that are tried: those of eight contacts
+_MOST_STEPS = 30  # most steps of a search, each with a derivative; searches that converge take fewer
+_LIMIT = 1e-6  # least distance of initial values from bounds
+_MOST_STARTS = 256  # most combinations of initial values that are tried: enough for eight contacts
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,21 +32,20 @@ class Identified:
     """A law that was fitted to measurements.
 
     Attributes:
-        family: its name.
-        law: the law, for `Stepper`, environments and studies. Friction belongs to the scene: the coefficient found is
-            the parameter "friction".
-        parameters: the numbers by name.
-        confidence: intervals that hold each number with a probability of 95 %, for errors that are independent from
-            collision to collision; nan where the data do not tell, as one collision alone does not, or where a number
-            is at a bound.
+        family: the name of its family.
+        law: the law, for `Stepper`, environments and studies. Friction belongs to the scene and not to the law; the
+            coefficient found is the parameter "friction".
+        parameters: the fitted numbers by name.
+        confidence: the 95 % confidence interval of each number, for errors that are independent between collisions; nan
+            if the data do not determine the number, as for a single collision, or if it is at a bound.
         residuals: ``|P (v^ - v+)| / |P v-|`` of each collision, in the kinetic metric, (n,); see `Measurements`.
-        certificate: at most 1 if the law creates no energy: ``|G^-1/2 E G^1/2|_2`` for a law with a restitution matrix,
-            over every velocity with which all contacts close (its square is the largest factor on kinetic energy);
-            for others the largest ``|v+| / |v-|`` that it gives these collisions.
-        rank: how many directions of ``gamma-`` (family fremond, at most h, of the contact that is seen the least), or
-            how many parameters, the data tell.
-        largest: the largest coefficient of friction that the collisions were given, 1 where they were given none. The
-            parameter "friction" takes its place, and all keep their ratios to it; 0 if the law has no such parameter.
+        certificate: at most 1 if the law creates no energy. For a law with a restitution matrix it is
+            ``|G^-1/2 E G^1/2|_2``, a bound for every velocity at which all contacts close (its square is the largest
+            factor on kinetic energy); for other laws the largest ``|v+| / |v-|`` in these collisions.
+        rank: the number of directions of ``gamma-`` (family fremond; at most h, that of the least observed contact), or
+            of parameters, that the data determine.
+        largest: the largest coefficient of friction of the collisions, which the parameter "friction" replaces while
+            all coefficients keep their ratios; 0 if the law has no such parameter. Tables without coefficients have 1.
     """
 
     family: str
@@ -64,10 +63,10 @@ class Identified:
         return float(np.sqrt(np.mean(self.residuals**2)))
 
     def predict(self, collisions: Sequence[Collision]) -> list[np.ndarray]:
-        """Return v+ of other collisions, with the friction found, (nv,) each.
+        """Return the predicted v+ of other collisions, with the fitted friction, (nv,) each.
 
         Raises:
-            MeasurementError: the law has friction, and no collision has tangential directions.
+            MeasurementError: the law has friction, but no collision has tangential directions.
         """
         friction = self.parameters.get("friction")
         if friction is not None and not largest_friction(collisions):
@@ -87,22 +86,23 @@ def fit(
     admissible: bool = False,
     projected: bool = False,
 ) -> Identified:
-    """Return the law of a family that fits measured collisions best: least squares of relative errors.
+    """Return the law of a family that fits measured collisions best, by least squares of relative errors.
 
     Args:
-        collisions: what collided, as from `read_collisions`.
-        post_velocities: v+ of each, (nv,).
+        collisions: the collisions, for example from `read_collisions`.
+        post_velocities: measured v+ of each collision, (nv,).
         family: "moreau", "newton", "poisson", "reversal", "fremond", "coulomb", "routh" or "compliant".
-        contacts: labels of the set of closed contacts whose collisions are used, or the label of one contact; all
-            collisions if not given. A full matrix (fremond) belongs to one set.
-        admissible: restrict E (fremond) to ``E >= 0`` and ``G^-1 (1 + E) >= 0``, so that no ``gamma- <= 0`` leads to
-            penetration or pulling.
-        projected: let the law found project its outcome onto S(v-), which is never worse for what was measured in
-            S(v-); the law is a `Scattered` one of variance 0 then. Not for laws with friction, "coulomb" and "routh".
+        contacts: labels of the set of closed contacts whose collisions are used, or the label of one contact; by
+            default all collisions are used. A full matrix (fremond) belongs to one set.
+        admissible: whether to restrict E (fremond) to ``E >= 0`` and ``G^-1 (1 + E) >= 0``, so that no ``gamma- <= 0``
+            leads to penetration or pulling.
+        projected: whether the law found projects its outcome onto S(v-), which never increases the error of outcomes
+            measured in S(v-). The law is then `Scattered` with variance 0. Not for the laws with friction, "coulomb"
+            and "routh".
 
     Raises:
-        UnknownNameError: no such family.
-        MeasurementError: the data cannot tell, or the family does not know the option.
+        UnknownNameError: there is no such family.
+        MeasurementError: the data do not determine the law, or the option is not for this family.
     """
     measured = checked(collisions, post_velocities, family, contacts)
     fitted = _family(family, measured, projected=projected)
@@ -112,7 +112,7 @@ def fit(
 
 
 def _family(name: str, measured: Measurements, *, projected: bool) -> Family | None:
-    """Return the family over the contacts of measurements; None for a full matrix."""
+    """Return the family for the contacts of the measurements; None for a full matrix."""
     make = FAMILIES[name]
     family = None if make is None else make(measured)
     if projected and family is not None and family.largest:
@@ -134,7 +134,7 @@ def checked(
     family: str,
     contacts: str | Sequence[str] | None,
 ) -> Measurements:
-    """Return the measurements of the set of contacts, of all if None, to which the family is fitted: see `fit`."""
+    """Return the measurements of a set of contacts, or all if it is None, after checking the arguments of `fit`."""
     if family not in FAMILIES:
         raise UnknownNameError("family", family, FAMILIES)
     measured = Measurements(collisions, post_velocities)
@@ -190,7 +190,7 @@ def _fit_parameters(measured: Measurements, family: Family) -> Identified:
 
 
 def _starts(family: Family) -> list[tuple[float, ...]]:
-    """Return where searches may begin: all combinations, or where those are too many, all parameters alike."""
+    """Return initial values for searches: all combinations or, if these are too many, the k-th value of each."""
     each = [p.starts for p in family.parameters]
     if prod(map(len, each)) <= _MOST_STARTS:
         return list(product(*each))
@@ -198,7 +198,7 @@ def _starts(family: Family) -> list[tuple[float, ...]]:
 
 
 def _at_bounds(x: np.ndarray, low: np.ndarray, high: np.ndarray, residual) -> np.ndarray:
-    """Return x with numbers that stopped right before a bound at it, if that is not worse."""
+    """Return x with numbers that stopped just before a bound moved to the bound, if that is not worse."""
     moved = np.where(high - x < 1e-6, high, np.where(x - low < 1e-6, low, x))
     if np.array_equal(moved, x):
         return x
@@ -258,10 +258,10 @@ class CrossValidation:
     """Errors of a family on collisions that its law has not seen.
 
     Attributes:
-        family: its name.
+        family: the name of the family.
         rms: root of the mean square of ``|P (v^ - v+)| / |P v-|`` over all collisions, each held out once.
-        fold_rms: the same of each fold, (folds,).
-        parameters: what each fold's law has, a mapping per fold.
+        fold_rms: the same for each fold, (folds,).
+        parameters: the parameters fitted without each fold, one mapping per fold.
     """
 
     family: str
@@ -280,22 +280,22 @@ def cross_validate(
     contacts: str | Sequence[str] | None = None,
     projected: bool = False,
 ) -> CrossValidation:
-    """Fit the family to all folds but one, predict that one, and do so for each.
+    """Fit the family to all folds but one, predict that one, and repeat this for each fold.
 
-    Contacts that are in that one alone have the numbers with which searches begin.
+    Parameters of contacts that occur in the held-out fold only keep their initial values.
 
     Args:
-        collisions: what collided.
-        post_velocities: v+ of each, (nv,).
+        collisions: the collisions.
+        post_velocities: measured v+ of each collision, (nv,).
         family: see `fit`.
-        folds: parts that the collisions are split into at random.
-        seed: of the split.
+        folds: number of parts into which the collisions are split at random.
+        seed: seed of the split.
         contacts: see `fit`.
         projected: see `fit`.
 
     Raises:
-        UnknownNameError: no such family.
-        MeasurementError: fewer collisions than folds, fewer than two folds, or see `fit`.
+        UnknownNameError: there is no such family.
+        MeasurementError: there are fewer collisions than folds or fewer than two folds, or see `fit`.
     """
     measured = checked(collisions, post_velocities, family, contacts)
     n = len(measured)
@@ -312,6 +312,6 @@ def cross_validate(
 
 
 def check_folds(folds: int, n: int) -> None:
-    """Refuse to split n collisions into so many folds, if that cannot be done."""
+    """Raise `MeasurementError` if n collisions cannot be split into so many folds."""
     if not isinstance(folds, Integral) or not 2 <= folds <= n:
         raise MeasurementError(f"{n} collision{'s' if n > 1 else ''} cannot be split into {folds!r} folds, 2 or more")

@@ -1,4 +1,4 @@
-"""Confidence intervals of fitted numbers: what independent errors of the collisions leave open."""
+"""Confidence intervals of fitted numbers, for errors that are independent between collisions."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ import numpy as np
 from impactlaw.identification.restitution_matrix import MatrixFit
 
 CONFIDENCE = 0.95
-_STEP = 1e-4  # of differences that make derivatives; small against errors, large against kinks of friction
-_RANK = 1e-8  # singular value of derivatives, relative to the largest one, that says nothing
-_FITTED = 1e-8  # part of an error of one collision that the fit leaves, up to which that error cannot be seen
+_STEP = 1e-4  # step of finite differences: small against errors, large against kinks of friction
+_RANK = 1e-8  # singular value of derivatives, relative to the largest one, that counts as 0
+_FITTED = 1e-8  # part of an error that remains after the fit, up to which the error cannot be observed
 _NAN = (float("nan"), float("nan"))
 
 
 def parameter_intervals(
     residual: Callable[[np.ndarray], np.ndarray], x: np.ndarray, sizes: Sequence[int], low: np.ndarray, high: np.ndarray
 ) -> tuple[list[tuple[float, float]], int]:
-    """Return the intervals of the parameters x, and how many of these the data tell; see `_widths`.
+    """Return the intervals of the parameters x, and the number of parameters that the data determine; see `_widths`.
 
     Args:
-        residual: errors of all collisions, one after the other.
+        residual: function of x that returns the errors of all collisions, one after the other.
         x: the minimum.
-        sizes: errors per collision.
-        low: bounds of x.
-        high: bounds of x.
+        sizes: number of errors of each collision.
+        low: lower bounds of x.
+        high: upper bounds of x.
     """
     r, columns = residual(x), []
     for i in range(len(x)):
@@ -48,11 +48,13 @@ def parameter_intervals(
 def matrix_intervals(
     problem: MatrixFit, F: np.ndarray, active: np.ndarray
 ) -> tuple[dict[tuple[int, int], tuple[float, float]], int]:
-    """Return the intervals of the entries of E, and its rank: directions of ``gamma-`` that each contact has met.
+    """Return the intervals of the entries of E, and its rank: the least number of directions of ``gamma-`` per contact.
+
+    The directions of a contact are those of the collisions in which it carries an impulse.
 
     Args:
-        problem: of the fit.
-        F: the minimum, (h, h).
+        problem: the problem of the fit.
+        F: its minimum, (h, h).
         active: which contacts carry impulses, bool (n, h).
     """
     h = len(F)
@@ -76,17 +78,17 @@ def matrix_intervals(
 
 
 def _widths(derivatives: Sequence[np.ndarray], errors: Sequence[np.ndarray], wanted: np.ndarray) -> np.ndarray:
-    """Return half of the widths of the intervals of combinations of parameters at a minimum, (m,).
+    """Return the half widths of the confidence intervals of linear combinations of parameters at a minimum, (m,).
 
-    Errors are independent from collision to collision and may differ in size. Their squares are enlarged by what the
-    fit takes off them, and Student's t has the degrees of freedom that are left for each combination by itself: a
-    number that few collisions tell has few, whatever else was measured (R. Bell and D. McCaffrey, Survey Methodology
-    28, 2002). One that a single collision tells has none: its width is nan.
+    Errors are independent between collisions and may differ in size. Their squares are corrected for the reduction by
+    the fit. Student's t has separate degrees of freedom for each combination: few for a number that few collisions
+    determine, however many others were measured (R. Bell and D. McCaffrey, Survey Methodology 28, 2002). A number that
+    a single collision determines has no degrees of freedom left, and its width is nan.
 
     Args:
-        derivatives: of the errors of each collision, (r, p) each.
-        errors: of each collision, (r,) each.
-        wanted: combinations, (m, p).
+        derivatives: derivatives of the errors of each collision, (r, p) each.
+        errors: errors of each collision, (r,) each.
+        wanted: coefficients of the combinations, (m, p).
     """
     from scipy.stats import t
 
@@ -111,11 +113,11 @@ def _widths(derivatives: Sequence[np.ndarray], errors: Sequence[np.ndarray], wan
 
 
 def _enlarged(felt: np.ndarray, left: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return ``left^-1/2 felt``, (r, m), and the squares of the part of felt where nothing is left, (m,).
+    """Return ``left^-1/2 felt``, (r, m), and the squared part of ``felt`` in the null space of ``left``, (m,).
 
     Args:
-        felt: how much the errors of a collision move each combination, (r, m).
-        left: what the fit leaves of these errors, ``1 - H``, (r, r).
+        felt: how much the errors of a collision change each combination, (r, m).
+        left: the part of these errors that remains after the fit, ``1 - H``, (r, r).
     """
     s, V = np.linalg.eigh(left)
     seen, parts = s > _FITTED, V.T @ felt

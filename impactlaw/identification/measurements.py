@@ -1,4 +1,4 @@
-"""Measured collisions as a fit sees them: relative motion, in the kinetic metric, in units of the speed before."""
+"""Measured collisions in the form that fits use: relative motion in the kinetic metric, over the speed before."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from impactlaw.mechanics.arrays import real_array
 from impactlaw.mechanics.collision import Collision
 
 _RANK = 1e-10  # singular value of gradients, relative to the largest one, that is rounding
-_STILL = 1e-12  # part of the speed of all bodies up to which contacts do not move against each other
+_STILL = 1e-12  # speed of relative motion at contacts, relative to that of all bodies, that counts as 0
 
 
 class Measurements:
-    """Collisions with the velocities observed after them.
+    """Collisions and the velocities observed after them.
 
     Errors are ``|P (v+ - v^)| / |P v-|`` in the kinetic metric. P is the projection onto the motion that contacts can
-    see or change, the span of ``M^-1 J^T`` (of normal and sliding directions): what is common to all bodies, such as
-    the motion of the center of mass, is predicted by every law, and would flatter it.
+    see or change, the span of ``M^-1 J^T`` (of normal and sliding directions). The rest, such as the motion of the
+    center of mass, is predicted by every law and would make errors look smaller.
 
     Raises:
-        MeasurementError: none, not as many velocities, a velocity that does not fit or is not finite, or a collision
-            whose contacts do not move against each other.
+        MeasurementError: there are no collisions, or not as many velocities; a velocity does not fit or is not finite;
+            or a collision has no relative motion at its contacts.
     """
 
     def __init__(self, collisions: Sequence[Collision], post_velocities: Sequence[ArrayLike] | np.ndarray):
@@ -54,7 +54,7 @@ class Measurements:
         return len(self.collisions)
 
     def select(self, indices: ArrayLike) -> Measurements:
-        """Return some of the measurements."""
+        """Return the measurements with these indices."""
         chosen = [int(i) for i in np.asarray(indices)]
         return Measurements([self.collisions[i] for i in chosen], [self.post_velocities[i] for i in chosen])
 
@@ -78,13 +78,13 @@ class Measurements:
         return tuple(c.metric.whiten(v - c.pre_velocity) for c, v in pairs)
 
     def errors(self, velocities: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """Return ``P (v^ - v+) / |P v-|`` of predicted velocities, (r,) each."""
+        """Return ``P (v^ - v+) / |P v-|`` for predicted velocities v^, (r,) each."""
         found = zip(self.collisions, velocities, self.post_velocities, self.bases, self.speeds, strict=True)
         return [Q @ c.metric.whiten(v - after) / speed for c, v, after, Q, speed in found]
 
     @cached_property
     def contact_sets(self) -> dict[tuple[str, ...], list[int]]:
-        """Which collisions have which contacts closed: by their labels, in canonical spelling and sorted."""
+        """Indices of the collisions with each set of closed contacts, by the sorted canonical labels of the set."""
         sets: dict[tuple[str, ...], list[int]] = {}
         for i, c in enumerate(self.collisions):
             sets.setdefault(tuple(sorted(map(canonical, c.labels))), []).append(i)
@@ -92,7 +92,7 @@ class Measurements:
 
     @cached_property
     def labels(self) -> tuple[str, ...]:
-        """All contacts, in canonical spelling, in the order in which they come."""
+        """Canonical labels of all contacts, in the order of first appearance."""
         return tuple(dict.fromkeys(canonical(label) for c in self.collisions for label in c.labels))
 
 

@@ -1,4 +1,4 @@
-"""Reading measured collisions: a recording, or a table in CSV or Parquet."""
+"""Reading of measured collisions from a recording, or from a table in CSV or Parquet."""
 
 import ast
 import json
@@ -22,31 +22,33 @@ CONTACT = ("pre_contact_velocity", "post_contact_velocity")
 
 
 class Collisions(NamedTuple):
-    """What `read_collisions` gives; it can be taken apart: ``fit(*read_collisions(path))``."""
+    """The result of `read_collisions`, which can be unpacked: ``fit(*read_collisions(path))``."""
 
     collisions: list[Collision]
     post_velocities: list[np.ndarray]
 
 
 def read_collisions(path: str | Path) -> Collisions:
-    """Read collisions, and the velocities observed after them.
+    """Read collisions and the velocities observed after them.
 
-    A recording (``run.rrd``) has them, and so have tables (``.csv``, ``.parquet``), one row per collision. A cell is a
-    number, or a list (in CSV as JSON), by these columns:
+    They are read from a recording (``run.rrd``), or from a table (``.csv``, ``.parquet``) with one row per collision.
+    A cell is a number or a list (in CSV as JSON). A table has the columns
 
-    - ``mass_matrix``, ``jacobian``, ``pre_velocity``, ``post_velocity``, and where contacts have friction
+    - ``mass_matrix``, ``jacobian``, ``pre_velocity``, ``post_velocity``, and for contacts with friction
       ``friction_jacobian``, ``friction_contact`` (0 if not given), ``friction_coefficient`` (1 if not given); or
-    - ``pre_contact_velocity``, ``post_contact_velocity``, with ``delassus``, row by row. Without that, ``impulse``: G
-      is the same in all collisions of one set of contacts then, and follows from ``gamma+ - gamma- = G Lambda`` by
-      least squares. One contact needs neither. With friction also ``pre_sliding_velocity``, ``post_sliding_velocity``,
-      ``friction_contact``, and rows of friction follow those of contacts in ``delassus``, (h + k, h + k).
+    - ``pre_contact_velocity``, ``post_contact_velocity``, and ``delassus``, row by row. If ``delassus`` is missing,
+      ``impulse`` is needed; G is then taken to be the same in all collisions of a set of contacts, and follows from
+      ``gamma+ - gamma- = G Lambda`` by least squares. A single contact needs neither. With friction the columns
+      ``pre_sliding_velocity``, ``post_sliding_velocity`` and ``friction_contact`` are needed, too, and rows of friction
+      follow those of contacts in ``delassus``, (h + k, h + k).
 
-    ``contacts`` are labels, "0", "1", ... if not given. Collisions made of the second kind are in coordinates of their
-    own, with M = 1: only relative motion of contacts is known.
+    The column ``contacts`` has the labels, "0", "1", ... if not given. Collisions from the second kind of table have
+    their own coordinates with M = 1, since only the relative motion at contacts is known.
 
     Raises:
-        MeasurementError: no such file, not one of these, or what is in it is not a collision; names row and column.
-        RecordingError: not a recording of this package.
+        MeasurementError: the file does not exist, is of another kind, or a row is not a collision; the message names
+            row and column.
+        RecordingError: the file is not a recording of this package.
     """
     if not isinstance(path, str | os.PathLike):
         raise MeasurementError(f"collisions are read from a file, got {path!r:.100}")
@@ -217,7 +219,7 @@ def _parsed(value: Any) -> Any:
 
 
 def _array(row: dict[Any, Any], name: str, i: int, ndim: int | None) -> np.ndarray:
-    """Return a cell as an array of that many dimensions, a number as one of one entry."""
+    """Return a cell as an array with ``ndim`` dimensions; a number becomes an array with one entry."""
     value = _parsed(row.get(name))
     if hasattr(value, "tolist"):
         value = value.tolist()

@@ -1,4 +1,4 @@
-"""What `impactlaw identify` prints and writes: a table of families, the law as JSON, a picture."""
+"""The output of `impactlaw identify`: a table of families, the law as JSON, a picture."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _WORST = 0.5  # share of collisions that must be admissible for a fit to make se
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """A family in the table: its law and its errors on unseen collisions, or why there is none."""
+    """A row of the table: the law of a family and its errors on unseen collisions, or the reason why it has none."""
 
     family: str
     law: Identified | None
@@ -34,20 +34,20 @@ class Row:
 
     @property
     def error(self) -> float:
-        """What families are compared by: the error on unseen collisions."""
+        """The error on unseen collisions, by which families are compared."""
         return np.inf if self.held_out is None else self.held_out.rms
 
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """All that was found in a file.
+    """All results for one file.
 
     Attributes:
-        measured: what was read, of the set of contacts that was asked for.
-        audit: of it.
-        rows: of the families.
-        best: the one with the least error on unseen collisions; of equally good ones that with fewer parameters.
-        folds: parts that the collisions were split into for those errors.
+        measured: the collisions read, of the chosen set of contacts.
+        audit: the audit of these collisions.
+        rows: one row for each family.
+        best: the row with the least error on unseen collisions; among equally good ones that with fewest parameters.
+        folds: number of parts into which the collisions were split for these errors.
     """
 
     measured: Collisions
@@ -60,11 +60,13 @@ class Study:
 def study(
     path: Path, *, family: str | None = None, folds: int | None = None, contacts: Sequence[str] | None = None
 ) -> Study:
-    """Read a file, audit it, and fit one family, or all, with 5 folds, or as many as there are collisions, if not told.
+    """Read a file, audit it, and fit one family, or all families by default.
+
+    The default number of folds is 5, or the number of collisions if that is less.
 
     Raises:
-        MeasurementError: the file cannot be read, its collisions are too few or no collisions, or no family fits.
-        UnknownNameError: no such family.
+        MeasurementError: the file cannot be read, its collisions are too few or not valid, or no family fits.
+        UnknownNameError: there is no such family.
     """
     names = [family] if family is not None else list(FAMILIES)
     measured = _chosen(path, names[0], contacts)
@@ -97,7 +99,7 @@ def study(
 
 
 def _chosen(path: Path, family: str, contacts: Sequence[str] | None) -> Collisions:
-    """Return the collisions of the set of contacts; all if None."""
+    """Return the collisions of a set of contacts, or all if it is None."""
     read = read_collisions(path)
     try:
         chosen = checked(*read, family, contacts)
@@ -117,7 +119,7 @@ def _row(name: str, measured: Collisions, folds: int) -> Row:
 
 
 def refusal(found: Audit) -> str:
-    """Return in one line what is wrong with collisions most of which violate physics."""
+    """Return a one-line message on collisions most of which violate physics."""
     medians = {name: float(np.median(getattr(found, name))) for name in ("kinematic", "kinetic", "energetic")}
     worst = max(medians, key=lambda name: medians[name])
     text = (
@@ -154,7 +156,7 @@ def format_study(found: Study) -> str:
 
 
 def parameters_in_words(law: Identified) -> str:
-    """Return the first few parameters with half of their intervals."""
+    """Return the first few parameters with the half widths of their intervals, as text."""
     parts = []
     for name, value in list(law.parameters.items())[:_SHOWN]:
         low, high = law.confidence[name]
@@ -164,7 +166,7 @@ def parameters_in_words(law: Identified) -> str:
 
 
 def write_law(law: Identified, path: Path, source: str) -> None:
-    """Write the law and how it was found as JSON, which `make_law` reads."""
+    """Write the law and the quality of its fit as JSON, which `make_law` reads."""
     value = {
         "law": portable(law.law),
         "family": law.family,
@@ -183,7 +185,7 @@ def write_law(law: Identified, path: Path, source: str) -> None:
 
 
 def draw(found: Study, path: Path, title: str) -> None:
-    """Write a picture: contact velocities predicted by the best law over those observed, and errors of all families."""
+    """Write a picture: predicted over observed contact velocities for the best law, and the errors of all families."""
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
 

@@ -1,4 +1,4 @@
-"""A full restitution matrix from measured collisions, with the certificate that it creates no energy."""
+"""The fit of a full restitution matrix to measured collisions, with a certificate that it creates no energy."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from impactlaw.errors import MeasurementError, SolverError, UnsolvableLawError
 from impactlaw.identification.measurements import Measurements, rms
 from impactlaw.laws.fremond import Fremond
 
-_ACTIVE = 1e-9  # impulse, scaled by its gradient and relative to |v-|, up to which a contact carries none
+_ACTIVE = 1e-9  # impulse, times the length of its gradient and relative to |v-|, that counts as 0
 _RANK = 1e-9  # eigenvalue of the normal equations, relative to the largest one, that is rounding
 _SAME = 1e-9  # relative difference of Delassus matrices that count as the same
 _STEPS = 20_000
@@ -24,7 +24,7 @@ _SPLIT_STEPS, _SPLIT_DONE = 20_000, 1e-11
 
 @dataclass(frozen=True, eq=False)
 class Quadratic:
-    """``x^T H x / 2 + g^T x``, where x are the entries of F, row by row."""
+    """The function ``x^T H x / 2 + g^T x``, where x are the entries of F, row by row."""
 
     H: np.ndarray
     g: np.ndarray
@@ -36,15 +36,15 @@ class Quadratic:
 
 
 class MatrixFit:
-    """Least squares for E of one set of contacts: ``gamma+_A = -(E gamma-)_A`` where A carries impulses.
+    """The least-squares problem for E of one set of contacts, ``gamma+_A = -(E gamma-)_A`` where A carries impulses.
 
-    The prediction error of a collision whose contacts A carry impulses is, apart from what E cannot change,
-    ``(gamma+ + E gamma-)_A^T G_AA^-1 (gamma+ + E gamma-)_A / |v-|^2``: it is quadratic in E. Unknown is
-    ``F = G^-1/2 E G^1/2``, with the mean G of the collisions. ``|F|_2 <= 1`` says that E creates no energy.
+    Let A be the contacts with impulses in a collision. Apart from a part that E cannot change, its squared prediction
+    error is ``(gamma+ + E gamma-)_A^T G_AA^-1 (gamma+ + E gamma-)_A / |v-|^2``, which is quadratic in E. The unknown is
+    ``F = G^-1/2 E G^1/2``, with the mean G of the collisions. If ``|F|_2 <= 1``, E creates no energy.
 
     Args:
         measured: collisions of one set of contacts.
-        order: of the contacts of each collision, (n, h), so that all have the same one.
+        order: indices that bring the contacts of each collision into a common order, (n, h).
     """
 
     def __init__(self, measured: Measurements, order: np.ndarray):
@@ -64,7 +64,7 @@ class MatrixFit:
         self.root, self.inverse_root = (V * np.sqrt(w)) @ V.T, (V / np.sqrt(w)) @ V.T
 
     def impulses(self) -> np.ndarray:
-        """Return the observed impulses, by ``gamma+ - gamma- = G Lambda``, scaled to units of ``|v-|``, (n, h)."""
+        """Return the observed impulses from ``gamma+ - gamma- = G Lambda``, scaled to units of ``|v-|``, (n, h)."""
         impulse = np.linalg.solve(self.G, (self.after - self.before)[..., None])[..., 0]
         lengths = np.sqrt(np.einsum("nii->ni", self.G))
         return impulse * lengths / self.speeds[:, None]
@@ -103,17 +103,17 @@ class MatrixFit:
         return active, rms(errors)
 
     def bound(self, F: np.ndarray) -> float:
-        """Return ``max |G^-1/2 E G^1/2|_2`` over the Delassus matrices of all collisions: above 1, E creates energy."""
+        """Return ``max |G^-1/2 E G^1/2|_2`` over the Delassus matrices of all collisions; above 1 E creates energy."""
         E = self.matrix(F)
         same = np.abs(self.G - self.mean_G).max() <= _SAME * np.abs(self.mean_G).max()
         L = np.linalg.cholesky(self.G[:1] if same else self.G)
         return float(np.linalg.norm(np.linalg.solve(L, E @ L), 2, axis=(1, 2)).max())
 
     def solve(self, *, admissible: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Return the best F found, and which contacts carry impulses with it.
+        """Return the best F found, and which contacts carry impulses under it, bool (n, h).
 
-        The first guess takes the contacts with observed impulses. Then Gauss-Newton steps through the active sets that
-        the law itself predicts, as long as the prediction gets better.
+        The first active sets are the contacts with observed impulses. Gauss-Newton steps then use the active sets that
+        the law itself predicts, as long as the prediction improves.
         """
         active = self.impulses() > _ACTIVE
         F = self._best(active, admissible)
@@ -133,7 +133,7 @@ class MatrixFit:
         return F, own
 
     def gradient(self, F: np.ndarray, active: np.ndarray) -> np.ndarray:
-        """Return the gradient of the sum of squares, (h, h), from the residuals, with digits that H and g have lost."""
+        """Return the gradient of the sum of squares, (h, h), from residuals: more accurate than from H and g."""
         E, total = self.matrix(F), np.zeros_like(F)
         residual = self.after + self.before @ E.T
         for which, A in _by_contacts(active):
@@ -179,7 +179,7 @@ class MatrixFit:
 
 
 def _by_contacts(active: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Give the collisions in which the same contacts carry impulses, and these contacts, where there are any."""
+    """Yield, for each nonempty set of contacts that carry impulses, the collisions with this set, and the contacts."""
     for pattern in np.unique(active, axis=0):
         if pattern.any():
             yield np.flatnonzero((active == pattern).all(axis=1)), np.flatnonzero(pattern)
@@ -194,8 +194,8 @@ def clipped(F: np.ndarray) -> np.ndarray:
 def constrained(q: Quadratic, h: int) -> np.ndarray:
     """Return the minimum of least norm of ``x^T H x / 2 + g^T x`` over ``|F|_2 <= 1``, (h, h).
 
-    Where the free minimum does not satisfy it: projected gradients with Nesterov's acceleration, started again where
-    they go up, and singular values clipped.
+    If the unconstrained minimum violates the bound, it is found by projected gradient steps with Nesterov's
+    acceleration, which is restarted when it goes uphill. The projection clips singular values.
     """
     w, V = np.linalg.eigh(q.H)
     large = w > _RANK * max(w[-1], 0.0)
@@ -212,7 +212,7 @@ def constrained(q: Quadratic, h: int) -> np.ndarray:
         change = new - F
         if np.abs(new - y).max() < _DONE:
             return new
-        if np.sum((y - new) * change) > 0.0:  # uphill: start again
+        if np.sum((y - new) * change) > 0.0:  # uphill: restart
             t, y = 1.0, new
         else:
             t, last = 0.5 * (1.0 + np.sqrt(1.0 + 4.0 * t * t)), t
