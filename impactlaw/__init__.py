@@ -63,7 +63,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Load what few use, and what takes long, when it is first asked for."""
+    """Import `Batch` when it is first used: few programs need it, and its import takes long."""
     if name == "Batch":
         from impactlaw.batch import Batch
 

@@ -61,7 +61,7 @@ class Inspect:
 
 
 def _check_other_file(csv: Path, recording: Path) -> None:
-    """Refuse to write a table over a recording."""
+    """Raise `RecordingError` if a table would be written over a recording."""
     if csv.suffix.lower() == ".rrd":
         raise RecordingError(f"the collisions are written as CSV, but {csv} ends with .rrd, as recordings do")
     if csv.exists() and recording.exists() and csv.samefile(recording):
@@ -224,10 +224,10 @@ Command = (
 
 
 def main() -> None:
-    """Run the command line; an `ImpactLawError` is one line on standard error and exit code 2.
+    """Run the command line; an `ImpactLawError` becomes one line on standard error and exit code 2.
 
-    Where nobody reads the output any more, as behind ``| head``, the rest is left out and the exit code is 1; so it is,
-    with one line, where it cannot be written, as on a full disk. After Ctrl-C it is 130, after SIGTERM 143.
+    The exit code is 1 if the output is closed, as by ``| head``, and, with a one-line message, if it cannot be written,
+    as on a full disk. It is 130 after Ctrl-C and 143 after SIGTERM.
     """
     command: Any = None
     try:
@@ -240,16 +240,16 @@ def main() -> None:
             )
             with warnings_of(command):
                 command()
-            print(end="", flush=True)  # does nothing where there is no standard output
+            print(end="", flush=True)  # no error if there is no standard output
     except ImpactLawError as error:
         print(f"impactlaw: {in_options(str(error), command)}", file=sys.stderr)
         sys.exit(2)
     except OSError as error:
-        if error.filename is not None:  # not the output
+        if error.filename is not None:  # not an error of the output
             raise
         if not isinstance(error, BrokenPipeError):
             print(f"impactlaw: cannot write the output: {error.strerror}", file=sys.stderr)
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains when it flushes at its end
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python's flush at exit reports an error
         sys.exit(1)
 
 

@@ -1,8 +1,8 @@
-"""Compiled functions: numba's, in a cache on disk that no other version of the code can be mistaken for.
+"""Compilation of functions by numba, with a cache on disk that is valid for exactly one version of the code.
 
-Numba looks at the file of a function alone to see whether what it has in its cache is still right, not at the files of
-the functions that it calls. So the cache is in a folder named by all sources that are compiled,
-and by the versions of numba and MuJoCo.
+To decide whether a cached function is still valid, numba checks only the file of the function, not the files of the
+functions that it calls. The cache is therefore in a folder whose name is a hash of all compiled sources and of the
+versions of numba, MuJoCo and Python.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _PARTS = (
     "stepping/soft/compiled/contacts",
     "stepping/soft/compiled",
 )
-"""Folders of this package whose functions are compiled; each calls functions of itself and of those before it."""
+"""Folders of this package with compiled functions; each folder uses its own functions and those of earlier folders."""
 
 _KEPT = f"{__name__}.Kept"
 
@@ -52,17 +52,17 @@ _ALSO = (
     "solvers/friction/single_contact.py",
     "linked.py",
 )
-"""Files that these functions depend on, too: how they are compiled, and numbers that they have taken over."""
+"""Further files on which compiled functions depend: how they are compiled, and constants that are compiled in."""
 
 
 @cache
 def cache_folder(parts: int = len(_PARTS)) -> Path | None:
-    """Return where the compiled functions of this version are kept; None if nothing can be written there.
+    """Return the folder for compiled functions of this version; None if it cannot be written.
 
-    It is in ``NUMBA_CACHE_DIR``, if that is set, else in ``XDG_CACHE_HOME`` or ``~/.cache``.
+    It is in ``NUMBA_CACHE_DIR`` if that is set, else in ``XDG_CACHE_HOME`` or ``~/.cache``.
 
     Args:
-        parts: so many folders of sources count.
+        parts: number of folders of sources, from the first one, that determine the name.
     """
     digest, root = (
         hashlib.sha256(f"{numba.__version__} {mujoco.__version__} {sys.version}".encode()),
@@ -83,7 +83,7 @@ def cache_folder(parts: int = len(_PARTS)) -> Path | None:
 
 
 def _parts(module: str) -> int:
-    """Return how many folders of sources count for the functions of a module."""
+    """Return the number of folders of sources on which the functions of a module may depend."""
     inside = [i for i, part in enumerate(_PARTS) if f"impactlaw.{part.replace('/', '.')}." in f"{module}."]
     return max(inside, default=len(_PARTS) - 1) + 1
 
@@ -95,7 +95,7 @@ def _tell() -> None:
 
 @cache
 def announce(module: str) -> None:
-    """Tell on stderr, once, that the functions of a module are going to be compiled now, if none is in the cache."""
+    """Say on stderr, once, that the functions of a module will be compiled, if none of them is in the cache."""
     folder = cache_folder(_parts(module))
     if folder is None or not any(folder.rglob("*.nbi")):
         _tell()
@@ -103,10 +103,10 @@ def announce(module: str) -> None:
 
 @cache
 def compile_together(module: str) -> None:
-    """Let other processors compile, too, if the functions of a module are not in the cache yet.
+    """Start helper processes that also compile, if the functions of a module are not in the cache yet.
 
     Args:
-        module: its full name; it is imported next, and calls all that is going to be compiled.
+        module: full name of the module, which is imported next and imports everything that needs to be compiled.
     """
     folder = cache_folder(_parts(module))
     if folder is not None and not any((folder / module).glob("*.nbi")):
@@ -115,10 +115,9 @@ def compile_together(module: str) -> None:
 
 
 class Kept:
-    """Where numba keeps a function: by its module, so that every copy of this version on a computer finds it.
+    """A numba cache locator that finds functions by module name, so that all installations of a version share a cache.
 
-    It has the methods of numba's cache locators. By numba's own, each folder that the package is installed in would
-    have a cache of its own.
+    With numba's own locators each folder in which the package is installed would have its own cache.
     """
 
     def __init__(self, function: Callable[..., Any], source: str):
@@ -128,13 +127,13 @@ class Kept:
 
     @classmethod
     def from_function(cls, function: Callable[..., Any], path: str) -> Kept:
-        """Return the place of a function; it does not depend on the path of its file."""
+        """Return the locator of a function, which does not depend on the path of its file."""
         place = cls(function, path)
         place.ensure_cache_path()
         return place
 
     def ensure_cache_path(self) -> None:
-        """Make the folder."""
+        """Create the folder."""
         self._path.mkdir(parents=True, exist_ok=True)
 
     def get_cache_path(self) -> str:
@@ -142,24 +141,25 @@ class Kept:
         return str(self._path)
 
     def get_source_stamp(self) -> str:
-        """Return what tells other versions of the file apart; the folder is named by those that call each other."""
+        """Return a hash of the file, which differs between versions; the folder name covers the files it depends on."""
         return hashlib.sha256(self._source.read_bytes()).hexdigest()
 
     def get_disambiguator(self) -> str:
-        """Return what tells functions of one name in a module apart."""
+        """Return the line number, which distinguishes functions with the same name in a module."""
         return str(self._line)
 
 
 def compiled(*signature: Any, counts: bool = True, python: bool = True) -> Callable[[Callable[..., Any]], Any]:
     """Return a decorator that compiles a function when it is first called, or at once if its signature is given.
 
-    A helper of `compiling` puts that off. It cannot where the signature does not say what the function returns, for
-    then nothing that calls the function can be compiled before.
+    A helper process of `compiling` postpones the compilation. This is not possible if the signature lacks the return
+    type, since callers of the function could not be compiled before it.
 
     Args:
-        signature: of the function, as text or as numba has it.
-        counts: whether it counts who holds arrays; a function that makes none need not, see `loops.plain`.
-        python: whether Python calls it; if not, see `linked`.
+        signature: signature of the function, as a string or a numba object.
+        counts: whether the function uses numba's reference counts of arrays. A function that creates no array does not
+            need them, see `loops.plain`.
+        python: whether Python calls the function; if not, see `linked`.
     """
     options: dict[str, Any] = {"_nrt": counts}
     if not python:
@@ -182,7 +182,7 @@ def compiled(*signature: Any, counts: bool = True, python: bool = True) -> Calla
 def _compile_alone(
     function: Callable[..., Any], signature: tuple[Any, ...], options: dict[str, Any], *, wait: bool
 ) -> Any:
-    """Compile a function that no other process compiles meanwhile; see `compiling.alone`."""
+    """Compile a function while holding its lock, so that no other process compiles it, too; see `compiling.alone`."""
     folder = cache_folder(_parts(function.__module__))
     name = f"{function.__module__}.{function.__name__}.lock"
     with alone(folder and folder / name, wait=wait) as mine:
@@ -194,7 +194,7 @@ def _compile(function: Callable[..., Any], signature: tuple[Any, ...], options: 
     kept = settings.CACHE_DIR, getattr(settings, "CACHE_LOCATOR_CLASSES", "")
     settings.CACHE_DIR, settings.CACHE_LOCATOR_CLASSES = "" if folder is None else str(folder), _KEPT
     collects = gc.isenabled()
-    gc.disable()  # numba makes millions of objects: to look through them all again and again takes a tenth longer
+    gc.disable()  # numba creates millions of objects, and repeated garbage collection would take a tenth longer
     try:
         return cast(Any, numba.njit)(*signature, cache=folder is not None, error_model="numpy", nogil=True, **options)(
             function

@@ -1,7 +1,7 @@
-"""Several processes compile together: each function is compiled by one of them, and the others read it from the cache.
+"""Parallel compilation: each function is compiled by one of several processes, and the others read it from the cache.
 
-Helpers are Python processes that import what is about to be compiled, last functions first, and end with it. They
-begin at the other end because the process that waits for all of it must compile in the order of the imports.
+Helpers are Python processes that import the module to be compiled, compile its functions in reverse order, and end.
+They start at the other end because the main process has to compile in the order of imports.
 """
 
 from __future__ import annotations
@@ -20,35 +20,35 @@ from typing import Any
 
 try:
     import fcntl
-except ImportError:  # on Windows there is none: each process compiles for itself
+except ImportError:  # not on Windows: there each process compiles everything
     fcntl = None
 
-_HELPERS = 3  # of which each takes half a gigabyte
+_HELPERS = 3  # most helpers; each takes half a gigabyte
 _WORK = "import sys; from impactlaw.compiling import help_with; help_with(*sys.argv[1:])"
 
 LATER: ContextVar[list[Callable[[], Any]] | None] = ContextVar("LATER", default=None)
-"""What a helper has put off until it has imported everything; None where functions are compiled as they are met."""
+"""Compilations that a helper has postponed until all imports are done; None if functions are compiled at once."""
 
 
 @dataclass(frozen=True)
 class Declared:
-    """A function that is going to be compiled, as those need it that call it by address, see `linked`."""
+    """A function whose compilation is postponed, with its types, which callers by address need, see `linked`."""
 
-    function: Callable[..., Any]  # not compiled
-    arguments: tuple[Any, ...]  # their types
-    returned: Any  # type of what it returns
+    function: Callable[..., Any]  # the Python function
+    arguments: tuple[Any, ...]  # types of its arguments
+    returned: Any  # type of its result
 
 
 @contextmanager
 def alone(path: Path | None, *, wait: bool = True) -> Iterator[bool]:
-    """Hold a file that only one process can hold; what ends a process, however it ends, gives it back.
+    """Hold a lock file that only one process can hold; the end of a process, in any way, releases it.
 
     Args:
-        path: of the file; None if none can be written.
-        wait: until another process gives it back.
+        path: path of the file; None if it cannot be written.
+        wait: whether to wait until another process releases the lock.
 
     Yields:
-        Whether it is held.
+        Whether to go on: True if the lock is held. Where locks do not work, or none can be had, it is ``wait``.
     """
     if fcntl is None or path is None:
         yield wait
@@ -56,20 +56,20 @@ def alone(path: Path | None, *, wait: bool = True) -> Iterator[bool]:
     with path.open("a") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-        except OSError:  # another process holds it, or its file system has no such thing
+        except OSError:  # another process holds it, or the file system has no locks
             yield wait
         else:
             yield True
 
 
 def start_helpers(module: str, folder: Path) -> None:
-    """Start processes that compile what a module of this package calls, as many as there are other processors.
+    """Start helpers that compile the functions a module of this package uses, one per other processor, at most three.
 
-    There are none where this Python cannot be started once more: then this process compiles alone.
+    If this Python cannot be started again, there are no helpers, and this process compiles alone.
     """
     if fcntl is None or not sys.executable or getattr(sys, "frozen", False):
         return
-    from joblib import cpu_count  # it knows what part of the machine a container has
+    from joblib import cpu_count  # it respects the limits of containers
 
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(path or str(Path.cwd()) for path in sys.path)}
     with suppress(OSError):
@@ -81,11 +81,11 @@ def start_helpers(module: str, folder: Path) -> None:
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
             )
-            threading.Thread(target=helper.wait, daemon=True).start()  # somebody has to see it end
+            threading.Thread(target=helper.wait, daemon=True).start()  # reap the process when it ends
 
 
 def help_with(module: str, lock: str) -> None:
-    """Compile what a module calls, last functions first, but for those that another process is at."""
+    """Compile the functions a module uses, last ones first, except those that another process is compiling."""
     with alone(Path(lock), wait=False) as mine:
         if not mine:
             return

@@ -1,4 +1,4 @@
-"""The errors of impactlaw: each says what was wrong, where, and what to do about it."""
+"""The errors and warnings of impactlaw; their messages say what was wrong, where, and what to do about it."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-_MOST_LISTED = 40  # names in a message
+_MOST_LISTED = 40  # most names in a message
 
 
 class ImpactLawError(Exception):
-    """Base of every error raised on purpose by this package."""
+    """Base of all errors that this package raises on purpose."""
 
 
 class InvalidCollisionError(ImpactLawError, ValueError):
-    """Mass matrix, Jacobian or velocity are not a collision: wrong shape, not finite, not positive definite."""
+    """Invalid data for a collision, such as a wrong shape, entries that are not finite, or M not positive definite."""
 
 
 class RestitutionError(ImpactLawError, ValueError):
-    """A restitution coefficient or matrix is not one: negative, above one, not finite, or of the wrong size."""
+    """An invalid restitution coefficient or matrix: negative, above one, not finite, or of the wrong size."""
 
 
 class UnknownNameError(ImpactLawError, ValueError):
-    """A law, solver, scene or contact name that does not exist; the message names the nearest known ones."""
+    """The name of a law, solver, scene or contact does not exist; the message suggests the nearest known names."""
 
     def __init__(self, kind: str, name: object, known: Iterable[str]):
         known = sorted(known)
@@ -38,10 +38,10 @@ def _listed(names: Sequence[str]) -> str:
 
 
 class UnsolvableLawError(ImpactLawError):
-    """The law has no solution: no velocity reaches the wanted contact velocities of these contacts at once.
+    """The law has no solution: no velocity reaches the target contact velocities of these contacts together.
 
     Attributes:
-        contacts: labels of the contacts that conflict.
+        contacts: labels of the contacts in conflict.
         ray: a Farkas ray ``nu >= 0`` with ``J^T nu = 0`` and ``nu^T (gamma^h - gamma-) > 0``, shape (h,).
     """
 
@@ -55,39 +55,39 @@ class UnsolvableLawError(ImpactLawError):
 
 
 class SolverError(ImpactLawError):
-    """A solver stopped without an answer that its certificate confirms."""
+    """A solver stopped without an answer that passes its certificate."""
 
 
 class UnfinishedStepError(ImpactLawError):
-    """An event-driven step takes more work than it may, or contact cannot be held."""
+    """An event-driven step exceeds its budget of work, or persistent contact cannot be held."""
 
 
 class ManyCollisionsWarning(UserWarning):
-    """A step had more collisions than are located one by one: the others are time stepped."""
+    """A step had more collisions than can be located one by one; the rest of it is time stepped."""
 
 
 class HeldJointsWarning(UserWarning):
-    """Joints of a scene may be held still under rigid time stepping, where MuJoCo's own contacts give way."""
+    """Rigid time stepping may lock joints of a scene that can move under MuJoCo's soft contacts."""
 
 
 class UnreadSensorsWarning(UserWarning):
-    """Sensors of a scene measure forces of contacts and limits, which event-driven steps do not leave in data."""
+    """Sensors of a scene measure forces of contacts and limits, which event-driven steps do not write into data."""
 
 
 class InadmissibleImpactError(ImpactLawError):
-    """The law's outcome leaves the set of possible right-velocities: it would create energy."""
+    """The outcome of a law is outside the set of possible right-velocities, for example because it creates energy."""
 
 
 class SceneError(ImpactLawError):
-    """A file is not a scene, or the scene holds something that rigid stepping does not cover."""
+    """A file is not a scene, or the scene has a feature that rigid stepping does not support."""
 
 
 class OverlapError(SceneError):
-    """Geoms overlap at the start of a step by more than the gap tolerance, and may or can not be pushed out."""
+    """Geoms overlap at the start of a step by more than the gap tolerance, and must not or cannot be pushed out."""
 
 
 class DivergenceError(ImpactLawError):
-    """The simulation left the finite numbers."""
+    """The state of the simulation is no longer finite."""
 
 
 class RecordingError(ImpactLawError):
@@ -95,58 +95,58 @@ class RecordingError(ImpactLawError):
 
 
 class MeasurementError(ImpactLawError, ValueError):
-    """Measured collisions, or a file of them, from which no law can be identified."""
+    """A law cannot be identified from these measured collisions, or from this file of them."""
 
 
 class RenderError(ImpactLawError, RuntimeError):
-    """Nothing to draw with: no OpenGL library, or no display for a window."""
+    """Rendering is not possible: there is no OpenGL library, or no display for a window."""
 
 
 class ActionError(ImpactLawError, ValueError):
-    """An action of the wrong shape, or with numbers that are not finite."""
+    """An action has the wrong shape, or numbers that are not finite."""
 
 
 class WrapperError(ImpactLawError, TypeError):
-    """A law cannot be put on an environment: it does not step MuJoCo in a way that is known, or has a law already."""
+    """A law cannot be applied to an environment that does not step MuJoCo in a known way, or that has a law already."""
 
 
 class OptionError(ImpactLawError, ValueError):
-    """An option that does not exist, or with a value that it cannot have."""
+    """An option does not exist, or has an invalid value."""
 
 
 class StudyError(ImpactLawError, ValueError):
-    """A study that cannot be run as it is stated, or cells of it that have failed, or whose files cannot be read."""
+    """A study cannot be run as specified, or some of its cells have failed or have files that cannot be read."""
 
 
 class MissingExtraError(ImpactLawError, ImportError):
-    """A package that only some need is not installed."""
+    """An optional package is needed, but is not installed."""
 
     def __init__(self, what: str, package: str, extra: str):
         super().__init__(f"{what} needs {package}, which is not installed: pip install 'impactlaw[{extra}]'")
 
 
 class SettledError(ImpactLawError, AttributeError):
-    """Something that is settled when its owner is made was set later: it would have no effect."""
+    """An attribute that is fixed at construction was set later, which would have no effect."""
 
 
 class UnsupportedError(ImpactLawError, NotImplementedError):
-    """Something that another library's interface has, and that this object does not do."""
+    """This object does not support a part of another library's interface."""
 
 
 class CopyError(ImpactLawError, TypeError):
-    """Something that cannot be copied or pickled."""
+    """An object cannot be copied or pickled."""
 
 
 class UncompiledWarning(UserWarning):
-    """Steps are taken in Python, though compiled ones were asked for."""
+    """Steps run in Python although compiled steps were asked for."""
 
 
 class WorldsFailedError(ImpactLawError):
-    """Some worlds have failed; they are as they were before the call, and the others have made their steps.
+    """Some worlds have failed; they are in their state before the call, and the others have made their steps.
 
     Attributes:
-        worlds: numbers of those that have failed, int (k,).
-        diverged: whether all of them have left the finite numbers: in one world that is a `DivergenceError`.
+        worlds: numbers of the worlds that have failed, int (k,).
+        diverged: whether the states of all these worlds are no longer finite, a `DivergenceError` for a single world.
     """
 
     def __init__(self, worlds: Sequence[int], why: str, *, diverged: bool = False):

@@ -1,7 +1,6 @@
-"""Compiled functions that others call by address: numba would make a copy of them in each function that calls them.
+"""Compiled functions that others call by address, so that they are compiled only once.
 
-Numba puts all that a function calls into its own machine code, and compiles it once more for that. What is linked is
-compiled once.
+Numba copies the code of all called functions into each caller, and compiles it again there.
 """
 
 from __future__ import annotations
@@ -19,9 +18,9 @@ from impactlaw.compiling import Declared
 
 
 def linked(*signature: Any, counts: bool = True) -> Callable[[Callable[..., Any]], Any]:
-    """Return a decorator that compiles a function of one signature, which only compiled functions can call.
+    """Return a decorator that compiles a function with one signature, to be called by compiled functions only.
 
-    It needs nothing that takes Python's objects apart, and the cache keeps no code of it for those that call it.
+    The function gets no wrapper for calls from Python, and the cache does not keep its code for inlining by callers.
 
     Args:
         signature: see `compiled`.
@@ -31,13 +30,13 @@ def linked(*signature: Any, counts: bool = True) -> Callable[[Callable[..., Any]
 
 
 def by_address(function: Any) -> Any:
-    """Return what compiled functions call instead of a compiled function that has one signature of its own.
+    """Return a numba intrinsic by which compiled functions call a compiled function with a single signature.
 
-    The symbol that stands for it in caches on disk is made here, before anything is loaded that needs it.
+    It also defines the symbol of the function, to which cached code refers, before such code is loaded.
     """
     made = function.function if isinstance(function, Declared) else function
     symbol = f"impactlaw_{made.__module__.replace('.', '_')}_{made.__name__}"
-    if isinstance(function, Declared):  # only called by what is compiled here for other processes
+    if isinstance(function, Declared):  # this process compiles its callers but does not run them
         signature = function.returned(*function.arguments)
         address = ctypes.cast(ctypes.pythonapi.Py_IncRef, ctypes.c_void_p).value
     else:

@@ -1,7 +1,7 @@
-"""How numba compiles a function that only other compiled functions call: as a part of them, or once for all of them.
+"""Numba compilers for functions that only compiled functions call: as parts of their callers, or linked by address.
 
-Numba optimizes each function for itself, makes machine code of it, and does both again within each function that calls
-it. Only the last of these is ever run.
+By default numba optimizes each function and generates machine code for it, and does both again within each caller. The
+code of the function itself is then never run.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numba.core.typed_passes import NativeLowering
 
 
 class _Part(JITCodeLibrary):
-    """The code of a function and of all that it calls, as those that call it take it over."""
+    """The code of a function and of all functions it calls, in the form that callers inline; it is not optimized."""
 
     def _optimize_final_module(self) -> None:
         pass
@@ -31,20 +31,20 @@ class _Lowering(NativeLowering):
     _name = "lowering_of_parts"
 
     def run_pass(self, state: Any) -> Literal[True]:
-        """Write the code of a function; no address stands for it, so that Python cannot call it."""
+        """Generate the code of a function without an address, so that Python cannot call it."""
         context = state.targetctx
         state.library = library = _Part(context.codegen(), state.func_id.func_qualname)
         library.enable_object_caching()
         state.flags.no_compile = True
         super().run_pass(state)
-        name = [library].count  # some built-in function that is no other's: numba knows compiled functions by theirs
+        name = [library].count  # a unique built-in callable: numba identifies compiled functions by theirs
         context.insert_user_function(name, state["cr"].fndesc, [library])
         state["cr"] = state["cr"]._replace(cfunc=name)
         return True
 
 
 class PartCompiler(CompilerBase):
-    """Numba's own passes, with another last one."""
+    """Numba's compiler with another last pass, `lowering`."""
 
     lowering: Any = _Lowering
 
@@ -57,10 +57,10 @@ class PartCompiler(CompilerBase):
 
 
 class _Linked(JITCodeLibrary):
-    """The code of a function that others call by address, of which they take nothing over."""
+    """The code of a function that others call by address and do not inline."""
 
     def _get_module_for_linking(self) -> Any:
-        """Return, for the cache, what the code defines, by its names alone."""
+        """Return a module for the cache that declares the external names of the code, with empty bodies."""
         names = [made.name for made in self.get_defined_functions() if made.linkage == llvm.Linkage.external]
         return llvm.parse_assembly("\n".join(f'define void @"{name}"() {{ ret void }}' for name in names))
 
@@ -70,7 +70,7 @@ class _LinkedLowering(NativeLowering):
     _name = "lowering_of_linked"
 
     def run_pass(self, state: Any) -> Literal[True]:
-        """Write the code of a function."""
+        """Generate the code of a function."""
         state.library = _Linked(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()
         super().run_pass(state)
@@ -78,6 +78,6 @@ class _LinkedLowering(NativeLowering):
 
 
 class LinkedCompiler(PartCompiler):
-    """Of a function that is called by address, see `impactlaw.linked`."""
+    """The compiler of functions that are called by address, see `impactlaw.linked`."""
 
     lowering = _LinkedLowering

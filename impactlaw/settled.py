@@ -1,4 +1,4 @@
-"""Attributes that are settled when their owner is made."""
+"""Attributes that are fixed when their owner is constructed."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from impactlaw.errors import SettledError
 
 
 class Settled(property):
-    """An attribute that can be read, and set once: a later change would have no effect, so it is an error.
+    """An attribute that can be set only once: a later change would have no effect, so it raises `SettledError`.
 
-    It is read at the price of a `property` that calls no Python.
+    Reading is as fast as a `property` whose getter is not a Python function.
     """
 
     def __init__(self, instead: str, name: str = ""):
@@ -26,7 +26,7 @@ class Settled(property):
         self.__init__(self._instead, name)
 
     def __set__(self, instance: Any, value: Any) -> None:
-        """Set it; an array that was written in place, as by ``*=``, is the same one."""
+        """Set the attribute; setting the same array again is allowed, as after ``*=``, which writes in place."""
         place = f"_settled_{self._name}"
         if hasattr(instance, place):
             if isinstance(value, np.ndarray) and value is getattr(instance, place):
@@ -39,5 +39,5 @@ class Settled(property):
 
 
 def places(*names: str) -> tuple[str, ...]:
-    """Return the slots of settled attributes, for a class without a ``__dict__``: other names are errors there."""
+    """Return the slot names of settled attributes, for classes with ``__slots__``, which reject all other names."""
     return tuple(f"_settled_{name}" for name in names)

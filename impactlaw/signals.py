@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM as errors: what is unfinished is removed, and one line says why."""
+"""Ctrl-C and SIGTERM as exceptions, so that unfinished files are removed, with a one-line message."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from typing import Any
 
 _ENDS = {signal.SIGINT: ("interrupted", 130), signal.SIGTERM: ("terminated", 143)}
 _SOON, _LATER = 0.1, 5.0
-"""Times after which the exit is raised once more: where it is known to be lost, and where it may be, s."""
+"""Times, s, after which the exit is raised again: if it is known to be lost, and if it may have been lost."""
 
 
 @contextmanager
 def ended_by_signals() -> Iterator[None]:
-    """Let Ctrl-C and SIGTERM end what is inside by `SystemExit`, with one line on standard error and code 130 or 143.
+    """Let Ctrl-C and SIGTERM end the block by `SystemExit`, with one line on standard error and code 130 or 143.
 
-    Python loses an exception that is raised while a finalizer runs, such as that of a rerun stream: it is raised again.
-    Errors that come of the sudden end are not told.
+    Python loses an exception that is raised while a finalizer runs, such as that of a rerun stream; it is raised again
+    then. Errors that follow from the sudden end are not reported.
     """
     codes: list[int] = []
     tell = sys.unraisablehook
@@ -31,7 +31,7 @@ def ended_by_signals() -> Iterator[None]:
         word, code = _ENDS[signal.Signals(number)]
         codes.append(code)
         signal.signal(signal.SIGTERM, signal.SIG_IGN)  # `timeout` sends two
-        signal.signal(signal.SIGINT, signal.SIG_DFL)  # a second Ctrl-C is for whoever cannot wait
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # a second Ctrl-C ends the process at once
         _repeat(leave, _LATER)
         print(f"impactlaw: {word}", file=sys.stderr)
         leave()
@@ -44,7 +44,7 @@ def ended_by_signals() -> Iterator[None]:
 
     sys.unraisablehook = lose
     for number in _ENDS:
-        if signal.getsignal(number) != signal.SIG_IGN:  # as SIGINT is in the background
+        if signal.getsignal(number) != signal.SIG_IGN:  # SIGINT is ignored in background processes
             signal.signal(number, end)
     try:
         yield
@@ -61,7 +61,7 @@ def ended_by_signals() -> Iterator[None]:
 
 
 def _repeat(handler: Any, after: float) -> None:
-    """Call a handler after a time, and then every so often; never again for 0."""
+    """Call a handler ``after`` seconds, and then every `_LATER` seconds; 0 stops the calls."""
     if hasattr(signal, "setitimer"):  # not on Windows
         signal.signal(signal.SIGALRM, handler)
         signal.setitimer(signal.ITIMER_REAL, after, _LATER if after else 0.0)

@@ -1,4 +1,4 @@
-"""What errors and warnings advise, in the words of a command: its own options, and which ones only Python has."""
+"""Translation of the advice in errors and warnings into options of a command, for the command line."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ _NOTE = " ({}: {} of impactlaw.Stepper, in Python)"
 
 
 def in_options(text: str, command: object) -> str:
-    """Return a text in which options of a stepper, such as ``scheme="soft"``, are those of a command.
+    """Return a message in which options of `Stepper`, such as ``scheme="soft"``, are replaced by those of a command.
 
-    Those that the command does not have stay as they are, and the text says whose they are.
+    Options that the command does not have stay unchanged, with a note that they are options of `Stepper` in Python.
 
     Args:
-        text: an error or a warning.
-        command: whose fields are its options.
+        text: the message of an error or a warning.
+        command: the command; its fields are its options.
     """
     from impactlaw.stepping.options import Options
 
@@ -28,7 +28,7 @@ def in_options(text: str, command: object) -> str:
 
     def flag(match: re.Match[str]) -> str:
         name, value = match.groups()
-        if value is None and "_" not in name:  # a word
+        if value is None and "_" not in name:  # an ordinary word, not an option
             return match[0]
         option = next((option for option in (name, f"{name}s") if hasattr(command, option)), None)
         if option is None:
@@ -42,7 +42,7 @@ def in_options(text: str, command: object) -> str:
 
 @contextmanager
 def warnings_of(command: object) -> Iterator[None]:
-    """Let warnings of this package be one line each on standard error, by `in_options`."""
+    """Print warnings of this package as one line each on standard error, translated by `in_options`."""
     with warnings.catch_warnings():
         show = warnings.showwarning
 

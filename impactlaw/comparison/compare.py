@@ -1,4 +1,4 @@
-"""One scene under several impact laws and under MuJoCo's soft contacts: simulate, audit, tabulate."""
+"""Comparison of a scene under several impact laws and MuJoCo's soft contacts: simulate, audit, tabulate."""
 
 from __future__ import annotations
 
@@ -25,21 +25,22 @@ from impactlaw.models import load
 from impactlaw.recording import Recorder
 
 DEFAULT_LAWS = ("maximal-dissipation", "moreau", "scene", "reversal")
-_BETWEEN = "; "  # of labels, in which blanks may be
+_BETWEEN = "; "  # separator of labels, which may contain blanks
 _WIDTH = 5  # velocities shown in the printed table
 
 
 def compare(study: Comparison, folder: Path) -> pd.DataFrame:
-    """Simulate, and write table.csv, picture.png and one recording per run into the folder.
+    """Simulate all runs, and write table.csv, picture.png and one recording per run into the folder.
 
-    The runs are those of the laws, MuJoCo's contacts as the scene has them ("mujoco"), and MuJoCo's contacts tuned to
-    the same restitution ("mujoco-tuned", see `impactlaw.comparison.soft_contact`).
+    There is one run for each law, one with MuJoCo's contacts as the scene has them ("mujoco"), and one with MuJoCo's
+    contacts tuned to the same restitution ("mujoco-tuned", see `impactlaw.comparison.soft_contact`).
 
     Raises:
-        SceneError: no such scene, or not one for rigid stepping, or a duration that is none, or less than a timestep.
+        SceneError: the file is not a scene, or not one for rigid stepping; or the timestep or the duration is not a
+            positive number, or the duration is shorter than a timestep.
         OptionError: a law is named twice.
-        UnknownNameError: no such scene or law.
-        RestitutionError: a coefficient is not in [0, 1], or none of the laws takes one.
+        UnknownNameError: there is no such scene or law.
+        RestitutionError: a coefficient is not in [0, 1], or a restitution is given but no law takes it.
     """
     model, start = load(study.scene)
     name = Path(study.scene).stem
@@ -78,9 +79,9 @@ def compare(study: Comparison, folder: Path) -> pd.DataFrame:
 
 
 def choose_laws(model: mujoco.MjModel, names: Sequence[str] | None, restitution: float) -> dict[str, Law]:
-    """Return the laws by name, each with the restitution if it takes one; "scene" is what the scene itself carries.
+    """Return the laws by name, each with the restitution if it takes one; "scene" is the law that the scene carries.
 
-    Without names: `DEFAULT_LAWS`, "scene" among them only if its restitution differs between pairs.
+    The default is `DEFAULT_LAWS`, with "scene" only if its restitution differs between pairs of geoms.
     """
     if names is None:
         own = any(model.numeric(i).name.startswith("restitution/") for i in range(model.nnumeric))
@@ -99,14 +100,14 @@ def choose_laws(model: mujoco.MjModel, names: Sequence[str] | None, restitution:
 
 
 def _check_taken(restitution: float, names: Iterable[str]) -> None:
-    """Refuse a restitution that none of the laws takes."""
+    """Raise `RestitutionError` if none of the laws takes a restitution."""
     if not any(name != "scene" and takes_restitution(name) for name in names):
         laws = ", ".join(map(repr, names))
         raise RestitutionError(f"of the laws {laws} none takes a restitution, got {restitution!r}; leave it out")
 
 
 def format_table(table: pd.DataFrame) -> str:
-    """Return the table for the screen: numbers short, long velocities cut; refusals, and what each law is, below it."""
+    """Return the table for the screen, with short numbers and vectors, and below it refusals and the laws in full."""
     shown = table.drop(columns=["law", "refused"]).copy()
     shown["v+"] = [_short(v) for v in table["v+"]]
     shown["T+/T-"] = table["T+/T-"].astype(float).round(4) + 0.0
@@ -148,7 +149,7 @@ def _positive(name: str, value: float) -> float:
 
 
 def _steps(duration: float, timestep: float) -> int:
-    """Return how many steps there are; refuse a duration without any."""
+    """Return the number of steps; raise `SceneError` if the duration is shorter than a time step."""
     if _positive("duration", duration) < timestep:
         raise SceneError(f"duration must be a timestep, {timestep:g} s, or more, got {duration:g} s")
     return round(duration / timestep)
@@ -157,11 +158,11 @@ def _steps(duration: float, timestep: float) -> int:
 def tabulate(runs: Sequence[Run]) -> pd.DataFrame:
     """Return one row per run.
 
-    Columns: run; its law, none for MuJoCo's contacts; velocity after the first collision; T+/T- there; admissible
-    (yes, or what is violated and by how much, sqrt(J)); distance of the outcome from S(v-), sqrt(J), where contacts
-    have no friction; antidissipative contacts; energy kept over the whole run (potential energy counted from its lowest
-    value in any run); deepest penetration, m; events; steps whose events were too many to locate; time per step,
-    microseconds; refused.
+    Columns: run; its law, None for MuJoCo's contacts; velocity after the first collision; T+/T- there; admissible
+    (yes, or the violations and their sizes, sqrt(J)); distance of the outcome from S(v-), sqrt(J), if contacts have no
+    friction; antidissipative contacts; energy kept over the whole run (potential energy counted from its lowest value
+    in any run); deepest penetration, m; number of events; number of steps with too many events to locate; time per
+    step, microseconds; reason of a refusal.
     """
     lowest = min(float(run.potential.min()) for run in runs)
     return pd.DataFrame([_row(run, lowest) for run in runs])
@@ -190,5 +191,5 @@ def _row(run: Run, lowest: float) -> dict[str, object]:
 
 
 def describe_violations(impact: Impact) -> str:
-    """Return "yes", or the consistencies an outcome violates and by how much, in sqrt(J)."""
+    """Return "yes", or the consistency conditions that an outcome violates and by how much, in sqrt(J)."""
     return "yes" if impact.violations.is_admissible() else str(impact.violations)

@@ -1,4 +1,4 @@
-"""Files that are all there in the end, or none of them."""
+"""Writing of several files such that in the end either all of them are there, or none."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from impactlaw.errors import SceneError
 
 try:
     import fcntl
-except ImportError:  # on Windows there is none: what a process leaves that is killed stays there
+except ImportError:  # not on Windows: there the files of killed processes are not removed
     fcntl = None
 
 _UNFINISHED = ".unfinished-"
@@ -21,15 +21,15 @@ _UNFINISHED = ".unfinished-"
 
 @contextmanager
 def new_files_in(folder: Path) -> Iterator[Path]:
-    """Give a temporary folder whose files move into ``folder`` at the end, or vanish if anything fails.
+    """Yield a temporary folder whose files move into ``folder`` at the end, or are removed if anything fails.
 
-    What processes that were killed have left there is removed.
+    Temporary folders left behind by killed processes are removed, too.
     """
     with ExitStack() as stack:
         try:
             made = [p for p in (folder, *folder.parents) if not p.exists()]
             folder.mkdir(parents=True, exist_ok=True)
-            with _held(folder):  # until the new one is held, too
+            with _held(folder):  # held until the new temporary folder is held, too
                 for path in filter(Path.is_dir, folder.glob(f"{_UNFINISHED}*")):
                     with _held(path, wait=False) as abandoned:
                         if abandoned:
@@ -41,14 +41,14 @@ def new_files_in(folder: Path) -> Iterator[Path]:
         try:
             yield temporary
             written = list(temporary.iterdir())
-            for path in written:  # all are looked at before the first one moves
+            for path in written:  # check all files before the first one is moved
                 if (folder / path.name).is_dir():
                     raise SceneError(f"cannot write {folder / path.name}: there is a folder of that name")
             for path in written:
                 path.replace(folder / path.name)
         except BaseException:
             shutil.rmtree(temporary, ignore_errors=True)
-            with suppress(OSError):  # somebody else has put something there
+            with suppress(OSError):  # another process may have put files there
                 for path in made:
                     path.rmdir()
             raise
@@ -57,7 +57,7 @@ def new_files_in(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def _held(folder: Path, *, wait: bool = True) -> Iterator[bool]:
-    """Hold a folder that only one process can hold; what ends a process, however it ends, gives it back."""
+    """Lock a folder for one process and yield whether it is locked; the end of a process, in any way, unlocks it."""
     if fcntl is None:
         yield False
         return
@@ -65,7 +65,7 @@ def _held(folder: Path, *, wait: bool = True) -> Iterator[bool]:
     try:
         try:
             fcntl.flock(place, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-        except OSError:  # another process holds it, or its file system has no such thing
+        except OSError:  # another process holds it, or the file system has no locks
             yield False
         else:
             yield True

@@ -14,14 +14,14 @@ from impactlaw.comparison.runs import Run
 from impactlaw.mechanics.collision import Collision
 
 _FREE, _BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
-_MOST_LINES = 12  # degrees of freedom drawn; those that move most
+_MOST_LINES = 12  # most degrees of freedom drawn, those that move most
 _HANDLE, _LETTER = 0.6, 0.08  # width of a line and of a letter of its name in the legend, inches
-_LONGEST = 22  # letters of a label at an arrow
-_FEW = 10  # lines that matplotlib's own cycle of colors tells apart
+_LONGEST = 22  # most letters of a label at an arrow
+_FEW = 10  # lines that matplotlib's default colors can distinguish
 
 
 def draw(runs: Sequence[Run], path: Path, title: str, names: Sequence[str]) -> None:
-    """Write a picture of all runs: one panel of velocities each, and S(v-) where two contacts collide first."""
+    """Write a picture of all runs: a panel of velocities each, and S(v-) if the first collision has two contacts."""
     from matplotlib import colormaps
     from matplotlib.figure import Figure
 
@@ -59,13 +59,13 @@ def draw(runs: Sequence[Run], path: Path, title: str, names: Sequence[str]) -> N
 
 
 def plain(name: str) -> str:
-    """Return a name as matplotlib draws it: "$" begins no formula, and "_" leaves none out of a legend."""
+    """Return a name escaped for matplotlib: "$" does not begin a formula, and "_" does not hide a name in a legend."""
     name = name.replace("$", r"\$")
     return f" {name}" if name.startswith("_") else name
 
 
 def freedom_names(model: mujoco.MjModel) -> list[str]:
-    """Return a name for each degree of freedom: of its joint, numbered where that has several."""
+    """Return a name for each degree of freedom: that of its joint, numbered if the joint has several."""
     names = []
     for i in range(model.njnt):
         joint = model.joint(i)
@@ -82,7 +82,7 @@ def draw_admissible_set(axes: Any, collision: Collision, runs: Sequence[Run]) ->
     up = Y[1] - (Y[1] @ across) * across
     plane = np.stack([across, up / np.linalg.norm(up)])
     before = plane @ collision.whitened_velocity
-    unchanged = collision.whitened_velocity - plane.T @ before  # what no contact can change
+    unchanged = collision.whitened_velocity - plane.T @ before  # the part that no contact can change
     radius = math.sqrt(max(0.0, collision.pre_speed**2 - unchanged @ unchanged))
     gradients = Y @ plane.T
     angle = np.linspace(0, 2 * np.pi, 721)
@@ -95,7 +95,7 @@ def draw_admissible_set(axes: Any, collision: Collision, runs: Sequence[Run]) ->
         side = "left" if normal[0] > 0.5 else "right" if normal[0] < -0.5 else "center"
         shown = plain(label if len(label) <= _LONGEST else f"{label[:_LONGEST]}...")
         named = axes.annotate(shown, normal * 0.4 * radius, fontsize=9, color=f"C{i}", ha=side, va="bottom")
-        named.set_in_layout(False)  # a long one would make the panels narrow
+        named.set_in_layout(False)  # a long label would make the panels narrow
     corners = _boundary(gradients, before, radius)
     if len(corners):
         axes.fill(*corners.T, color="C2", alpha=0.25, label="S(v-)")

@@ -1,4 +1,4 @@
-"""One simulation of a scene, under an impact law or under MuJoCo's soft contacts, and what it leaves behind."""
+"""Simulation of a scene under an impact law or under MuJoCo's soft contacts, and its results."""
 
 from __future__ import annotations
 
@@ -31,21 +31,21 @@ from impactlaw.stepping.stepper import Stepper
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One simulation of the scene."""
+    """The results of one simulation of the scene."""
 
-    name: str  # of the law, or of MuJoCo's contacts
-    times: np.ndarray  # s, (n + 1,); the start and after every step
+    name: str  # name of the law, or of MuJoCo's contacts
+    times: np.ndarray  # s, (n + 1,), at the start and after every step
     positions: np.ndarray  # qpos, (n + 1, nq)
     velocities: np.ndarray  # qvel, (n + 1, nv)
     kinetic: np.ndarray  # energy, J, (n + 1,)
     potential: np.ndarray  # energy, J, (n + 1,)
     deepest: float  # smallest gap seen after any step, 0 if none overlapped, m
-    events: int | None  # number of collisions resolved; None for soft contacts, which have none
-    unlocated: int  # steps with more collisions than are located one by one
-    seconds_per_step: float  # mean wall time of a step, the slowest one left out
-    first: Impact | None  # the first collision's outcome; None if there was none
-    qpos: np.ndarray | None  # the configuration it happened at, (nq,)
-    refusal: str = ""  # why the run ended before its time, or an empty string
+    events: int | None  # number of collisions resolved; None for soft contacts
+    unlocated: int  # number of steps with too many collisions to locate one by one
+    seconds_per_step: float  # mean wall time of a step, without the slowest one
+    first: Impact | None  # outcome of the first collision; None if there was no collision
+    qpos: np.ndarray | None  # configuration of the first collision, (nq,)
+    refusal: str = ""  # why the run ended early, or an empty string
     law: str | None = None  # the law in one line; None for soft contacts
 
 
@@ -54,7 +54,7 @@ _BAD = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS"
 
 
 class _Trajectory:
-    """What a run collects on its way."""
+    """The states and energies that a run collects."""
 
     def __init__(self, model: mujoco.MjModel):
         self._model, self._detector = model, Detector(model)
@@ -87,7 +87,7 @@ def run_law(
     recorder: Recorder | None = None,
     progress: Callable[[], object] = lambda: None,
 ) -> Run:
-    """Simulate the scene rigidly under a law. What the law does not resolve ends the run, which tells the reason."""
+    """Simulate the scene rigidly under a law; a collision that the law cannot resolve ends the run with the reason."""
     data = _copy(model, start)
     stepper = Stepper(model, law, **(options or {}))
     trajectory = _Trajectory(model)
@@ -135,10 +135,10 @@ def run_soft(
     recorder: Recorder | None = None,
     progress: Callable[[], object] = lambda: None,
 ) -> Run:
-    """Simulate the scene with MuJoCo's contacts, and audit what they make of the reference's first collision.
+    """Simulate the scene with MuJoCo's contacts, and audit their outcome of the first collision of the reference run.
 
-    What is recorded are the run's own collisions, see `SoftCollisions`. The run ends where MuJoCo finds numbers that
-    are not finite: it would go on from the scene's initial state.
+    The recording has the collisions of this run itself, see `SoftCollisions`. The run ends when MuJoCo finds numbers
+    that are not finite, since MuJoCo would continue from the initial state of the scene.
     """
     data, seen, spent, refusal = _copy(model, start), _copy(model, start), [], ""
     trajectory, collisions = _Trajectory(model), SoftCollisions(model)
@@ -153,7 +153,7 @@ def run_soft(
             refusal = "MuJoCo's simulation left the finite numbers; take a shorter timestep"
             break
         spent.append(time.perf_counter() - begin)
-        _assign(model, data, seen)  # looking at contacts must not disturb the solver
+        _assign(model, data, seen)  # reading contacts must not disturb the solver
         trajectory.add(seen)
         if recorder is not None:
             recorder.step(seen, collisions.look(seen))
@@ -177,7 +177,7 @@ def run_soft(
 
 
 def _mean(spent: list[float]) -> float:
-    """Return the mean time of a step, s, of all steps but the slowest, which may have loaded compiled code."""
+    """Return the mean time of a step, s, without the slowest step, which may have loaded compiled code."""
     return (sum(spent) - max(spent)) / (len(spent) - 1) if len(spent) > 1 else sum(spent)
 
 

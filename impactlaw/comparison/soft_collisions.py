@@ -1,4 +1,4 @@
-"""Collisions in a simulation with MuJoCo's own contacts: what it was like before contact, and what it is like after."""
+"""Collisions in a simulation with MuJoCo's own contacts, from the states just before and just after contact."""
 
 from __future__ import annotations
 
@@ -17,19 +17,20 @@ from impactlaw.scene.equality_constraints import bilateral_constraints, bilatera
 from impactlaw.scene.friction_rows import find_tangents, learn_friction
 from impactlaw.stepping.impact_event import ImpactEvent
 
-_OVERLAP = 1e-12  # m, up to which geoms in touch do not overlap
-_REACH = 4.0  # steps of the fastest contact within which the contacts of a collision were closed, or will be
+_OVERLAP = 1e-12  # m: overlap up to which geoms only touch
+_REACH = 4.0  # reach of the search for contacts before and after a collision, in steps at the largest speed
 State = tuple[np.ndarray, np.ndarray, float]
 """Positions, velocities and time, s."""
 
 
 class SoftCollisions:
-    """Watches a simulation with soft contacts: a collision lasts from the last state without overlap to the next one.
+    """A detector of collisions in a simulation with soft contacts.
 
-    MuJoCo's contacts take time. The collision is what they make of the velocity before, at the configuration before:
-    v- and v+ are those at the moments when the first contact closes and the last one opens, found from the states
-    beside, in which nothing overlaps, with the acceleration there. What other forces do meanwhile is part of the
-    outcome. Where something always overlaps, as a body at rest on the floor does, no collisions can be told apart.
+    A collision lasts from the last state without overlap to the next state without overlap, since MuJoCo's contacts
+    take time. It is described at the configuration before it. v- and v+ are the velocities at the moments when the
+    first contact closes and the last one opens, extrapolated from those two states with their accelerations. The effect
+    of other forces in the meantime is part of the outcome. If some geoms always overlap, such as those of a body at
+    rest on the floor, single collisions cannot be distinguished.
     """
 
     def __init__(self, model: mujoco.MjModel):
@@ -41,9 +42,9 @@ class SoftCollisions:
         self._pairs: set[tuple[int, int]] = set()
 
     def look(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
-        """Look at the state after a step, and return the collision that is over with it, if any is.
+        """Read the state after a step, and return the collision that has ended in it, if any.
 
-        Frames and contacts of data are renewed; state and forces are left as they are.
+        Frames and contacts of data are updated; state and forces are not changed.
         """
         update_positions(self._model, data)
         contacts = self._detector.near(data, 0.0).contacts
@@ -85,7 +86,7 @@ class SoftCollisions:
         return ImpactEvent(time + wait, near, audit(collision, post), qpos)
 
     def _contacts(self, state: State, pairs: set) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return gaps, (h,), gradients, (h, nv), and acceleration without contact, (nv,), of a state beside contact."""
+        """Return gaps, (h,), gradients, (h, nv), and contact-free acceleration, (nv,), of a state without overlap."""
         model, scratch = self._model, self._scratch
         scratch.qpos[:], scratch.qvel[:], scratch.time = state
         mujoco.mj_forward(model, scratch)
@@ -101,7 +102,7 @@ class SoftCollisions:
 
 
 def _time(gap: np.ndarray, gamma: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    """Return when ``gap + gamma t + rate t^2 / 2 = 0`` first, with gamma < 0; 0 where the gap is not open."""
+    """Return the first t with ``gap + gamma t + rate t^2 / 2 = 0``, for gamma < 0; 0 if the gap is not open."""
     gap = np.maximum(gap, 0.0)
     inside = np.maximum(gamma**2 - 2.0 * rate * gap, 0.0)
     return 2.0 * gap / (-gamma + np.sqrt(inside))

@@ -1,4 +1,4 @@
-"""MuJoCo's own soft contacts on the same scene, as the thing to compare with."""
+"""MuJoCo's own soft contacts on the same scene, for comparison: as they are, and tuned to a restitution."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from impactlaw.scene.contacts import update_positions
 from impactlaw.scene.detection import Detector
 from impactlaw.stepping.integration import restore_state, save_state
 
-_STEPS_IN_CONTACT = 10  # timesteps one bounce of the tuned contact lasts; fewer and the integrator decides the outcome
-_LONGEST_CONTACT = 0.1  # s after which a soft collision that has not come apart is audited as it is, if that is more
-_LONGEST_STEPS = 4 * _STEPS_IN_CONTACT  # than so many timesteps
+_STEPS_IN_CONTACT = 10  # timesteps of one bounce of the tuned contact; with fewer the integrator decides the outcome
+_LONGEST_CONTACT = 0.1  # s: a soft collision that has not ended after this time, or after the following
+_LONGEST_STEPS = 4 * _STEPS_IN_CONTACT  # number of timesteps if that is longer, is audited as it is
 _IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # nearly one and constant, so that solref is a plain spring and damper
 
 
 def tuned_contacts(model: mujoco.MjModel, restitution: float) -> mujoco.MjModel:
     """Return a copy of the model whose contacts and limits are springs and dampers tuned to a restitution.
 
-    Coefficients of friction are the scene's. MuJoCo's friction has the damping of the contact, so that a restitution
-    near 1 leaves little of it.
+    The coefficients of friction are those of the scene. But MuJoCo's friction uses the damping of the contact, so a
+    restitution near 1 leaves little friction.
 
     MuJoCo's direct format ``solref = (-k, -b)`` makes a contact the oscillator ``r'' + b r' + k r = 0`` that pushes
-    but does not pull, ``b = 2 zeta sqrt(k)``. It lets go after the time ``t`` with the restitution ``e``:
+    but does not pull, ``b = 2 zeta sqrt(k)``. It opens after the time ``t`` with the restitution ``e``:
 
         zeta = sin(beta):  e = exp(-(pi - 2 beta) tan(beta)),   t sqrt(k) = (pi - 2 beta) / cos(beta)
         zeta = cosh(s):    e = exp(-2 s / tanh(s)),             t sqrt(k) = 2 s / sinh(s)
 
-    (the second line for e below exp(-2); e below 0.01 is taken as 0.01). The stiffness k makes t ten timesteps.
+    (the second line for e below exp(-2); e below 0.01 is replaced by 0.01). The stiffness k makes t ten timesteps.
     """
     zeta, time = _damping(max(restitution, 0.01))
     frequency = time / (_STEPS_IN_CONTACT * model.opt.timestep)
@@ -46,12 +46,12 @@ def tuned_contacts(model: mujoco.MjModel, restitution: float) -> mujoco.MjModel:
     margins = tuned.geom_margin, tuned.geom_gap, tuned.pair_margin, tuned.pair_gap, tuned.jnt_margin
     for margin in (*margins, tuned.tendon_margin):
         margin[:] = 0.0
-    tuned.opt.o_margin = 0.0  # where the scene overrides contact parameters by itself
+    tuned.opt.o_margin = 0.0  # used if the scene itself overrides contact parameters
     return tuned
 
 
 def _damping(restitution: float) -> tuple[float, float]:
-    """Return zeta, and the time in contact in units of the undamped oscillator's."""
+    """Return zeta, and the time in contact times the frequency of the undamped oscillator, ``t sqrt(k)``."""
     wanted = -math.log(restitution)
     if wanted < 2.0:
         beta = scipy.optimize.root_scalar(
@@ -63,16 +63,16 @@ def _damping(restitution: float) -> tuple[float, float]:
 
 
 def soft_outcome(model: mujoco.MjModel, data: mujoco.MjData, impact: Impact) -> Impact:
-    """Let MuJoCo's contacts act on a collision that a law has resolved, and audit what comes out.
+    """Simulate a collision that a law has resolved with MuJoCo's contacts, and audit the outcome.
 
-    The collision starts at data's configuration with the velocity before the impact, and has ended at the first step
-    after which none of its contacts overlaps, or after 0.1 s (40 timesteps if that is longer). Whatever else acts
-    meanwhile (gravity, motors, other contacts) is part of the outcome.
+    The collision starts at the configuration in data with the velocity before the impact. It ends with the first step
+    after which none of its contacts overlaps, or after 0.1 s (40 timesteps if that is longer). The effect of other
+    forces in the meantime (gravity, motors, other contacts) is part of the outcome.
 
     Args:
-        model: the scene with the soft contacts wanted.
+        model: the scene with the desired soft contacts.
         data: the configuration of the collision, controls and other forces; not changed.
-        impact: the law's impact there.
+        impact: the impact by the law.
     """
     scratch = mujoco.MjData(model)
     restore_state(model, scratch, save_state(model, data))
@@ -91,7 +91,7 @@ def soft_outcome(model: mujoco.MjModel, data: mujoco.MjData, impact: Impact) -> 
 
 
 def deepest_gap(model: mujoco.MjModel, data: mujoco.MjData, detector: Detector) -> float:
-    """Return the smallest gap of now where geoms overlap, else 0, m. Frames and contacts of data are renewed."""
+    """Return the smallest gap if geoms overlap now, else 0, m; frames and contacts of data are updated."""
     update_positions(model, data)
     contacts = detector.near(data, 0.0).contacts
     return float(contacts.gap[contacts.geoms[:, 0] >= 0].min(initial=0.0))
