@@ -34,11 +34,12 @@ class Coulomb(Law):
 
     Restitution and friction together can create energy (T. R. Kane, *A dynamics puzzle*, 1984). If they do, all
     restitution is scaled: the positive part of ``gamma^h`` and ``e_t`` are multiplied by the largest s in [0, 1] that
-    creates no energy, found by a bracketed search. The criterion is ``Lambda^T gamma_bar + Lambda_t^T gamma_bar_t <=
-    0``, in which surfaces whose velocity jumps have w+ from the start. s = 0 never creates energy, so the law is
-    dissipative. Groups of contacts that do not influence each other, neither through bodies nor through a matrix of the
-    law, are checked and scaled separately. `FrictionImpact.restitution_scale` is the least s used; it is below 1 also
-    where no impulse in the friction cones reaches the law's full restitution.
+    creates no energy, found by a bracketed search. The criterion is
+    ``Lambda^T gamma_bar + Lambda_t^T gamma_bar_t <= 0``, in which surfaces whose velocity jumps have w+ from the start.
+    s = 0 never creates energy, so the law is dissipative. Groups of contacts that do not influence each other, neither
+    through bodies nor through a matrix of the law, are checked and scaled separately.
+    `FrictionImpact.restitution_scale` is the least s used; it is below 1 also where no impulse in the friction cones
+    reaches the law's full restitution.
 
     Without rows of friction the outcome is that of ``law``. A contact that no normal impulse can move, such as one
     whose normal meets the axis of a hinge, gets no friction: its normal impulse would be arbitrary, and its friction

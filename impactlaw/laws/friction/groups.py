@@ -66,7 +66,7 @@ def groups_of(problem: ConeProblem, ties: np.ndarray | None) -> list[np.ndarray]
 
 
 def ties_of(law: Law, collision: Collision) -> np.ndarray | None:
-    """Return which targets depend on the velocity of which contacts, bool (h, h); all True for a law not known here.
+    """Return which targets depend on the velocity of which contacts, bool (h, h); all True if that is not known.
 
     None means that targets depend at most on contacts that influence each other through impulses anyway.
     """

@@ -29,12 +29,13 @@ class TwoPhases(Attempt):
 
         0 <= Lambda_E - s e Lambda_C  ⊥  gamma_E >= 0,   |Lambda_Et / mu| <= Lambda_E,
 
-    and friction opposes ``gamma_Et`` as strongly as it can. This is again a cone problem, in which each contact appears
-    twice with the same tangential rows: once for the known share, whose normal row acts on a separate mass that gives
-    it the impulse ``s e Lambda_C`` exactly, and once for the rest. (Under the convex relaxation a share that slides
-    would get more than that, and more friction. Its offset is shifted until it does not.) s is 1, or the largest number
-    in [0, 1] with which the two phases create no energy; s = 0 never creates any. The surfaces of the collision do not
-    jump: as under `Poisson` they have their velocities after the impact from the start.
+    and friction opposes ``gamma_Et`` as strongly as it can. This is again a cone problem. In it each contact with a
+    share and friction appears twice with the same tangential rows: once for the known share, whose normal row acts on a
+    separate mass that gives it the impulse ``s e Lambda_C`` exactly, and once for the rest. (Under the convex
+    relaxation a share that slides would get more than that, and more friction. Its offset is shifted until it does
+    not.) s is 1, or the largest number in [0, 1] with which the two phases create no energy; s = 0 never creates any.
+    The surfaces of the collision do not jump: as under `Poisson` they have their velocities after the impact from the
+    start.
 
     Where friction leaves several solutions, rounding and the units of mass and speed would decide between them.
     The problem is therefore solved in units of the collision itself, with numbers rounded so that a change of units

@@ -151,7 +151,7 @@ def impulses(G: np.ndarray, gamma: np.ndarray, phases: Iterable[Phase], e: float
             if pieces := phase.cut(begin, part):
                 phases = chain(pieces, phases)
                 continue
-            late = part > 0.5 * length  # compression ends at an end of the phase: the lag belongs to the other part
+            late = part > 0.5 * length  # compression ends at an end of the phase: lag is that of the longer part
             taken += 0.5 * velocity[0] * part + (lag if late else 0.0)
             lag = 0.0 if late else lag
             energy += _work(direction, velocity, rates, part)
