@@ -43,7 +43,7 @@ class Inspect:
     file: Annotated[Path, tyro.conf.Positional]
     """A recording, run.rrd."""
     csv: Path | None = None
-    """Also write the collisions to this file; not a .rrd, which is the end of recordings."""
+    """Also write the collisions to this CSV file; its name must not end with .rrd, as those of recordings do."""
 
     def __call__(self) -> None:
         """Read the recording and print it."""
@@ -77,10 +77,10 @@ class Identify:
     family: str | None = None
     """One family of laws: moreau, newton, poisson, reversal, fremond, coulomb, routh or compliant; all if not given."""
     folds: int | None = None
-    """Parts that the collisions are split into, each of which is predicted by a law fitted to the others. 5 if not
-    given, or as many as there are collisions where these are fewer; the report tells how many."""
+    """Number of parts into which the collisions are split; each part is predicted by a law fitted to the others. If not
+    given, 5, or the number of collisions if that is smaller; the report says how many."""
     contacts: tuple[str, ...] | None = None
-    """Labels of the set of closed contacts whose collisions are used; all collisions if not given."""
+    """Labels of closed contacts: only collisions of exactly these are used; all collisions if not given."""
     out: Path | None = None
     """File of the law; the picture is beside it. out/<file>/law.json if not given."""
 
@@ -105,22 +105,22 @@ class Identify:
 
 @dataclass(frozen=True)
 class RunStudy:
-    """Let policies made for laws act under others, and print what that costs: transfer matrices and regrets.
+    """Let policies made for some laws act under others, and print the cost: transfer matrices and regrets.
 
-    What is finished is kept in the folder: the same command goes on where it was stopped. A law is "moreau:0.5",
+    Finished cells are kept in the folder: the same command goes on where it was stopped. A law is "moreau:0.5",
     "maximal-dissipation", a law.json, "moreau:0.4..1" or "moreau|reversal:0.8" for one drawn per episode, or "mujoco".
     """
 
     tasks: tuple[str, ...] | None = None
-    """Ids of gymnasium, such as impactlaw/Juggler-v0 or Hopper-v5."""
+    """Ids of environments in gymnasium, such as impactlaw/Juggler-v0 or Hopper-v5."""
     act: tuple[str, ...] | None = None
-    """Laws to act under."""
+    """Laws under which the policies act."""
     train: tuple[str, ...] | None = None
-    """Laws to make policies for; those to act under if not given."""
+    """Laws for which policies are made; the laws of --act if not given."""
     policies: tuple[str, ...] | None = None
-    """ppo, which is trained and used if not given; scripted; module:name; a file.zip of stable-baselines3."""
+    """Policies: ppo, which is trained (the default), scripted, module:name, or a file.zip of stable-baselines3."""
     schemes: tuple[Literal["soft", "time-stepping", "event-driven"], ...] | None = None
-    """Ways to step; the tasks' usual ones if not given."""
+    """Ways to step; the usual one of each task if not given."""
     seeds: tuple[int, ...] | None = None
     """Seeds of trainings and of episodes; 0 1 2 if not given."""
     episodes: int | None = None
@@ -128,13 +128,13 @@ class RunStudy:
     steps: int | None = None
     """Timesteps of each training, in whole rollouts of 16 384; 100 000 if not given."""
     quick: bool = False
-    """The scripted controllers on this package's own tasks, instead of all of the above."""
+    """Run the scripted controllers on this package's own tasks; none of the options above can be given."""
     backend: str = "loky"
     """Where cells run: loky (processes of this machine), dask, ray, or another backend of joblib."""
     address: str | None = None
     """Address of the cluster's scheduler; one on this machine is started if not given."""
     jobs: int = -1
-    """Cells at a time; -1 for one per processor."""
+    """Number of cells that run at the same time; -1 for one per processor."""
     out: Path = Path("out/study")
     """Folder for cells, policies, tables and pictures."""
 
@@ -186,7 +186,7 @@ class Plan:
     scene: Annotated[str, tyro.conf.Positional]
     """Name of a scene (see `impactlaw scenes`) or path of an MJCF file."""
     contact_model: Literal["rigid", "soft"] = "rigid"
-    """Who owns sustained contact: the law layer, or MuJoCo."""
+    """Whether sustained contact obeys the law (rigid) or MuJoCo (soft)."""
     scheme: Literal["event-driven", "time-stepping"] | None = None
     """How rigid contact is stepped; event-driven if not given."""
     friction: Literal["coulomb", "convex", "ignore"] | None = None

@@ -15,11 +15,11 @@ class Comparison:
     scene: Annotated[str, Positional] = "newtons_cradle"
     """Name of a scene (see `impactlaw scenes`) or path of an MJCF file."""
     laws: tuple[str, ...] | None = None
-    """Laws by name (see `impactlaw laws`), but fremond, which needs a matrix; "scene" is what the MJCF itself carries.
-    If not given: maximal-dissipation, moreau, reversal, and scene where that differs between pairs of geoms."""
+    """Names of laws (see `impactlaw laws`), except fremond, which needs a matrix; "scene" is that of the MJCF.
+    If not given: maximal-dissipation, moreau, reversal, and scene if that differs between pairs of geoms."""
     restitution: float | None = None
-    """Coefficient of restitution, of every law that takes one: all but maximal-dissipation, any-outcome and scene. The
-    scene's own, or 1, if not given."""
+    """Coefficient of restitution of every law that takes one: all but maximal-dissipation, any-outcome, scene. If not
+    given, that of the scene, or 1."""
     duration: float | None = None
     """Simulated time, s; the scene's own, or 2, if not given."""
     timestep: float | None = None
@@ -27,6 +27,6 @@ class Comparison:
     friction: Literal["coulomb", "convex", "ignore"] = "coulomb"
     """Friction of rigid contacts: exact Coulomb friction, its convex relaxation, or none."""
     scheme: Literal["event-driven", "time-stepping"] = "event-driven"
-    """How the laws are stepped: collisions located in time, or all contact once a step at a bounded price."""
+    """event-driven locates every collision in time; time-stepping resolves all contact once a step at bounded cost."""
     view: bool = False
     """Open the rerun viewer on the runs as they happen; needs a display."""
