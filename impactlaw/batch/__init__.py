@@ -1,4 +1,4 @@
-"""Thousands of worlds of one scene under impact laws, in MuJoCo's own threads."""
+"""Step thousands of worlds of one scene under impact laws, in MuJoCo's own threads."""
 
 from impactlaw.batch.batch import Batch
 

@@ -1,4 +1,4 @@
-"""Many worlds of one scene under impact laws, time stepped or with soft contact, in MuJoCo's own thread pool."""
+"""Step many worlds of one scene under impact laws, time stepped or with soft contact, in MuJoCo's thread pool."""
 
 from __future__ import annotations
 
@@ -25,48 +25,52 @@ from impactlaw.stepping.plan import make_plan
 
 _ANEW = "make another Batch"
 _FORCES = ("cfrc_ext", "cfrc_int", "cacc")
-"""Fields of mjData, which MuJoCo computes only where somebody asks: after the last step of a call."""
+"""Fields of mjData that MuJoCo computes only on request; if bound, they are computed after the last step of a call."""
 
 
 class Batch:
-    """Worlds of a copy of one model, stepped in threads; the steps are those of `Stepper`, time stepped or soft.
+    """Many worlds of one model, stepped in threads as `Stepper` steps one: by time stepping, or with soft contact.
 
-    Rigid mocap bodies move to the poses in ``bind("mocap_pos")`` and ``bind("mocap_quat")`` in one timestep, and have
-    stopped in the next: whoever drives them calls ``step()`` for every timestep.
+    The worlds share a copy of the model. Results do not depend on the number of threads.
 
-    Laws are those of one coefficient of restitution per contact, and the reversal if contact is rigid; others are
-    refused, and so are scenes whose soft steps are not compiled. Results do not depend on the number of threads.
-    Derived fields are as `Stepper` leaves them in data: after a rigid step those of its end where they are frames, else
-    those of its middle; after a soft one as `mj_step` has them.
+    A batch accepts laws with one coefficient of restitution per contact, and the reversal law if contact is rigid. It
+    refuses all other laws, and scenes whose soft steps are not compiled.
 
-    Some worlds are named by their numbers, ``ids``, ascending; without them all are meant.
+    If contact is rigid, a mocap body moves to its pose in ``bind("mocap_pos")`` and ``bind("mocap_quat")`` within one
+    timestep and is at rest in the next. To keep mocap bodies moving, call ``step()`` once per timestep.
+
+    Derived fields are as `Stepper` leaves them in data. After a rigid step, frames belong to the end of the step and
+    other fields to its middle; after a soft step, all are as `mj_step` leaves them.
+
+    Methods with an argument ``ids`` act on the worlds with these numbers, in ascending order, or on all worlds if it is
+    None.
 
     Args:
         model: the compiled scene.
-        law: the law, or one for each world.
+        law: the law of all worlds, or a sequence of one law per world.
         nsim: number of worlds.
         nthread: number of threads; 0 for one per processor.
-        contact_model: see `Stepper`: "rigid", which is time stepped, or "soft".
+        contact_model: see `Stepper`; "rigid" contact is time stepped.
         friction: see `Stepper`.
-        on_inadmissible: see `Stepper`; "project" if not given (rigid). A law of one coefficient per contact creates no
-            energy in a soft step.
+        on_inadmissible: see `Stepper`; "project" if not given (rigid). It is refused for soft contact, where a law with
+            one coefficient per contact creates no energy.
         rest_speed: see `Stepper`.
 
     Attributes:
-        model: the scene, as the worlds were made of it. They do not see what is changed in it later, such as masses or
-            gravity: `expand` a field to change it.
-        state: MuJoCo's state rows, (nsim, nstate), to be written.
-        law: the law of each world; set it as `set_law` does.
-        restitution: e of each world, (nsim,), to be written; NaN where a law has more than one.
+        model: the scene from which the worlds were made. Later changes to it, such as to masses or gravity, do not
+            reach the worlds: `expand` a field to change it.
+        state: MuJoCo's state vectors, one row per world, (nsim, nstate), writable.
+        law: the law of each world; assigning to it calls `set_law`.
+        restitution: e of each world, (nsim,), writable; NaN where a law has several coefficients.
 
     Raises:
-        SceneError: the scene, or the law, is not covered, the timestep is not positive, or a callback of MuJoCo is set.
-        RestitutionError: as by `set_law`.
-        OptionError: a number of worlds or threads, or a speed, that cannot be.
-        UnknownNameError: an option has no such value, or a law is none.
+        SceneError: the scene or the law is not covered, the timestep is not positive, or a callback of MuJoCo is set.
+        RestitutionError: as raised by `set_law`.
+        OptionError: the number of worlds or threads, or rest_speed, is invalid.
+        UnknownNameError: an option has no such value, or law holds an object that is not a `Law`.
 
     Warns:
-        HeldJointsWarning: as of `Stepper` (rigid).
+        HeldJointsWarning: as `Stepper` does (rigid).
     """
 
     model, nsim, contact_model = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
@@ -131,7 +135,7 @@ class Batch:
 
     @property
     def law(self) -> tuple[Law, ...]:
-        """The law that each world was given, whatever was written to `restitution` since; set it as `set_law` does."""
+        """The law last given to each world, whatever was written to `restitution` since; assigning calls `set_law`."""
         return tuple(self._laws.given)
 
     @law.setter
@@ -140,7 +144,7 @@ class Batch:
 
     @property
     def restitution(self) -> np.ndarray:
-        """E of each world, (nsim,), to be written, in [0, 1]; NaN where a law has more than one."""
+        """Restitution e of each world, (nsim,), writable, in [0, 1]; NaN where a law has several coefficients."""
         return self._laws.restitution
 
     @restitution.setter
@@ -154,34 +158,39 @@ class Batch:
 
     @property
     def impact_count(self) -> np.ndarray:
-        """Steps of each world so far in which something collided, (nsim,)."""
+        """Number of steps of each world so far with at least one collision, (nsim,)."""
         return self._worlds.impact_count
 
     @property
     def inadmissible_count(self) -> np.ndarray:
-        """Of these, steps in which an outcome by the law left S(v-) and was scaled or let through, (nsim,)."""
+        """Steps counted by `impact_count` in which the law's outcome left S(v-) and was scaled or allowed, (nsim,)."""
         return self._worlds.inadmissible_count
 
     @property
     def short_steps(self) -> np.ndarray:
-        """Steps of each world so far that did not meet their law, (nsim,): `Stepper.short_steps` and `unlocated`."""
+        """Steps of each world so far that missed the law, (nsim,): `Stepper.short_steps` plus `Stepper.unlocated`."""
         return self._worlds.short_steps
 
     @property
     def shortfall(self) -> np.ndarray:
-        """Largest amount by which normal velocities of each world missed their law so far, m/s or rad/s, (nsim,)."""
+        """Largest amount by which a normal velocity of each world has missed the law so far, m/s or rad/s, (nsim,)."""
         return self._worlds.shortfall
 
     def set_law(self, law: Law | Sequence[Law], ids: Sequence[int] | None = None) -> None:
-        """Let the collisions of the next steps of some worlds, or all, be by another law, or one for each of them.
+        """Give some worlds, or all, another law, or one law each; it takes effect with their next step.
 
-        Where one of the laws is refused, all stay what they were.
+        If one of the laws is refused, no world's law changes.
+
+        Args:
+            law: the law of these worlds, or a sequence of one law per world.
+            ids: numbers of the worlds, in any order.
 
         Raises:
-            SceneError: there is not one law for each of these worlds, or compiled code does not take it.
-            RestitutionError: a law does not fit the scene, or has friction that contradicts that of the batch.
-            UnknownNameError: a law is none, or is keyed by contacts that the scene cannot have.
-            OptionError: there are no such worlds, or one is named twice.
+            SceneError: the number of laws is not that of the worlds, or compiled code does not cover a law.
+            RestitutionError: a law does not fit the scene, or its friction contradicts that of the batch.
+            UnknownNameError: law holds an object that is not a `Law`, or a law is keyed by contacts that the scene
+                cannot have.
+            OptionError: there is no world with such a number, or a number is given twice.
         """
         worlds = world_numbers(ids, self.nsim, ascending=False).tolist()
         laws = one_each(law, len(worlds))
@@ -191,11 +200,13 @@ class Batch:
         self._laws.set(laws, worlds)
 
     def bind(self, name: str) -> np.ndarray:
-        """Return a live array over a field of mjData, (nsim, ..): of the state to be written, of others to be read.
+        """Return a live array over a field of mjData, (nsim, ..).
+
+        Fields that are part of the state are writable, others are read-only.
 
         Raises:
             UnknownNameError: there is no such field.
-            UnsupportedError: MuJoCo's batches do not have it, such as one without a fixed size.
+            UnsupportedError: MuJoCo's batches cannot bind the field, for example because its size varies.
         """
         check_name(name)
         found = self._fields.bind(name)
@@ -208,13 +219,13 @@ class Batch:
         return found
 
     def expand(self, name: str) -> np.ndarray:
-        """Give a field of mjModel its own values in each world, (nsim, ..), to be written.
+        """Give each world its own values of a field of mjModel, and return them as a writable array, (nsim, ..).
 
         Raises:
             UnknownNameError: there is no such field.
-            UnsupportedError: MuJoCo's batches do not have it.
-            SceneError: it tells about contact, friction or moving surfaces, and the model of all worlds has none:
-                worlds of this batch would not see it.
+            UnsupportedError: MuJoCo's batches cannot expand the field.
+            SceneError: the field concerns contact, friction or moving surfaces, of which the batch's model has none.
+                The steps of this batch leave them out, so the field would have no effect.
         """
         check_name(name)
         if name in self._left_out:
@@ -227,7 +238,7 @@ class Batch:
         return found
 
     def expanded(self, name: str) -> np.ndarray | None:
-        """Return what `expand` has returned for a field, (nsim, ..), or None if all worlds have that of the model.
+        """Return the array that `expand` made for a field, (nsim, ..), or None if all worlds share the model's values.
 
         Raises:
             UnknownNameError: there is no such field.
@@ -236,18 +247,18 @@ class Batch:
         return self._fields.expanded(name)
 
     def step(self, ids: Sequence[int] | None = None, nstep: int = 1) -> None:
-        """Take steps of some worlds, or all.
+        """Advance some worlds, or all, by a number of steps.
 
         Args:
             ids: numbers of the worlds.
-            nstep: how many steps.
+            nstep: number of steps.
 
         Raises:
-            OptionError: there are no such worlds, or nstep is no count.
+            OptionError: there is no world with such a number, or nstep is not a positive integer.
             SceneError: a callback of MuJoCo is set.
-            WorldsFailedError: some could not be stepped; these are as they were before the call.
-            RestitutionError: a law does not know the restitution of a contact, and its world is as it was; or what was
-                written to `restitution` is none.
+            WorldsFailedError: some worlds could not be stepped; they are as they were before the call.
+            RestitutionError: a law has no coefficient for a contact, and its world is as it was before the call; or a
+                value written to `restitution` is not in [0, 1].
         """
         check_count("nstep", nstep)
         worlds = world_numbers(ids, self.nsim)
@@ -263,7 +274,7 @@ class Batch:
             raise WorldsFailedError(numbers, failed[numbers[0]][0], diverged=all(far for _, far in failed.values()))
 
     def _call(self, worlds: np.ndarray | None) -> dict[int, tuple[str, bool]]:
-        """Let the pool step; put back the worlds of which MuJoCo has raised an error, and return what it has said."""
+        """Step in the pool, restore the worlds in which MuJoCo raised an error, and return its messages by world."""
         if not self._pool.apply(self._worlds.address, self._worlds.context.ctypes.data, worlds):
             return {}
         status = (ctypes.c_int * self.nsim).from_address(self._functions.mjb_status(self._pool.handle))
@@ -273,16 +284,16 @@ class Batch:
         return {world: (self._pool.error(world), False) for world in broken}
 
     def reset(self, ids: Sequence[int] | None = None, keyframe: int | Sequence[int] = -1) -> None:
-        """Put some worlds, or all, back to the start or to a keyframe, with nothing to remember.
+        """Reset some worlds, or all, to the initial state or a keyframe, with their counts and data of the last step.
 
         Args:
             ids: numbers of the worlds.
-            keyframe: number of the keyframe, -1 for the start; or one for each of these worlds.
+            keyframe: number of the keyframe, -1 for the initial state; or a sequence of one number per world.
 
         Raises:
-            OptionError: there are no such worlds or keyframes.
+            OptionError: there is no such world or keyframe.
             SceneError: a callback of MuJoCo is set.
-            WorldsFailedError: MuJoCo cannot do that in some.
+            WorldsFailedError: MuJoCo failed to reset some worlds.
         """
         worlds = world_numbers(ids, self.nsim)
         check_callbacks()
@@ -293,12 +304,12 @@ class Batch:
         self._worlds.begin(worlds)
 
     def forward(self, ids: Sequence[int] | None = None) -> None:
-        """Bring the bound fields of some worlds, or all, up to their state.
+        """Compute the bound fields of some worlds, or all, from their state, as `mj_forward` does.
 
         Raises:
-            OptionError: there are no such worlds.
+            OptionError: there is no world with such a number.
             SceneError: a callback of MuJoCo is set.
-            WorldsFailedError: MuJoCo cannot do that in some.
+            WorldsFailedError: MuJoCo failed in some worlds.
         """
         worlds = world_numbers(ids, self.nsim)
         check_callbacks()
@@ -307,10 +318,10 @@ class Batch:
             raise WorldsFailedError(worlds.tolist(), self._pool.error(int(worlds[0])))
 
     def get_data(self, world: int) -> mujoco.MjData:
-        """Return the state of a world as data of its own.
+        """Return the state of a world in a new `mujoco.MjData`.
 
         Raises:
-            OptionError: there is no such world.
+            OptionError: there is no world with this number.
         """
         (number,) = world_numbers([world], self.nsim)
         data: Any = mujoco.MjData(self.model)
@@ -319,12 +330,12 @@ class Batch:
 
 
 def _options(contact_model: Any, friction: Any, on_inadmissible: Any, rest_speed: float | None) -> Options:
-    """Return the options of a stepper that steps as the worlds of a batch do.
+    """Return the options of a stepper that takes the same steps as the worlds of a batch.
 
     Raises:
         UnknownNameError: an option has no such value.
         OptionError: rest_speed is not a speed.
-        SceneError: an option means nothing to the contact model.
+        SceneError: an option has no meaning for the contact model.
     """
     soft = contact_model == "soft"
     options = Options(

@@ -1,4 +1,4 @@
-"""What a batch is given: numbers of worlds, keyframes and laws, refused here where MuJoCo would end the process."""
+"""Check the arguments of a batch: numbers of worlds, keyframes and laws. On bad ones MuJoCo would end the process."""
 
 from __future__ import annotations
 
@@ -14,7 +14,16 @@ from impactlaw.stepping.compiled.libmujoco import is_called_back
 
 
 def world_numbers(ids: Sequence[int] | None, count: int, *, ascending: bool = True) -> np.ndarray:
-    """Return the numbers of some worlds of so many, or of all if None, int32 (k,)."""
+    """Return checked numbers of worlds, int32 (k,): all of them if ids is None.
+
+    Args:
+        ids: the numbers.
+        count: how many worlds there are.
+        ascending: whether the numbers must ascend; if not, each must only occur once.
+
+    Raises:
+        OptionError: ids are not such numbers.
+    """
     if ids is None:
         return np.arange(count, dtype=np.int32)
     worlds = np.asarray(ids)
@@ -30,7 +39,7 @@ def world_numbers(ids: Sequence[int] | None, count: int, *, ascending: bool = Tr
 
 
 def keyframes(keyframe: int | Sequence[int], worlds: int, count: int) -> np.ndarray:
-    """Return a keyframe for each of so many worlds, -1 for the start, int32 (worlds,)."""
+    """Return one keyframe per world, int32 (worlds,), -1 for the initial state; the model has `count` keyframes."""
     keys = np.asarray(keyframe)
     whole = keys.dtype.kind in "iu" and keys.shape in ((), (worlds,))
     if not whole or not ((keys >= -1) & (keys < count)).all():
@@ -42,13 +51,13 @@ def keyframes(keyframe: int | Sequence[int], worlds: int, count: int) -> np.ndar
 
 
 def check_name(name: object) -> None:
-    """Refuse what cannot be the name of a field."""
+    """Raise UnknownNameError unless the name of a field is a string."""
     if not isinstance(name, str):
         raise UnknownNameError("field", name, ('a name as text, such as "qpos"',))
 
 
 def one_each(law: Any, count: int) -> list[Law]:
-    """Return one law for each of so many worlds."""
+    """Return a list of one law per world, from one law for all worlds or a sequence of laws."""
     laws: Any = law
     if isinstance(law, Law | str) or not isinstance(law, Sequence):
         laws = [law] * count
@@ -61,13 +70,16 @@ def one_each(law: Any, count: int) -> list[Law]:
 
 
 def check_threads(nthread: object) -> None:
-    """Refuse what is no number of threads."""
+    """Raise OptionError unless nthread is a nonnegative integer."""
     if not isinstance(nthread, numbers.Integral) or nthread < 0:
         raise OptionError(f"nthread is a whole number of threads, or 0 for one per processor, got {nthread!r}")
 
 
 def check_callbacks() -> None:
-    """Refuse callbacks of MuJoCo: rigid steps of a batch leave some out, and all else would call them in threads."""
+    """Raise SceneError if a callback of MuJoCo is set.
+
+    Rigid steps of a batch would not call some callbacks, and other functions would call them from several threads.
+    """
     if is_called_back():
         raise SceneError(
             "a callback of MuJoCo is set (mjcb_control or another one), which a batch cannot call; take it off, or use "

@@ -1,4 +1,4 @@
-"""The laws of many worlds as compiled code takes them."""
+"""The laws of many worlds, in the form that compiled code reads."""
 
 from __future__ import annotations
 
@@ -13,37 +13,37 @@ from impactlaw.stepping.compiled.law_table import Coefficients
 
 
 class OneWorld(Protocol):
-    """A way to step one world, on which laws are tried.
+    """A stepper of one world, which converts laws for compiled code.
 
     Attributes:
-        restitution_at: place of e in the settings.
+        restitution_at: index of e in the settings.
     """
 
     restitution_at: int
 
     def set_law(self, law: Law) -> None:
-        """Take another law."""
+        """Set the law to be converted."""
 
     def reason(self) -> str | None:
-        """Return why compiled code does not take the law, and what it is stepped by; None if it does."""
+        """Return why compiled code does not cover the law, and how it is stepped instead; None if it does."""
 
     def coefficients(self) -> Coefficients:
-        """Return a table of the law's coefficients, which is empty yet."""
+        """Return a new, empty table of the law's coefficients."""
         ...
 
     def settings(self) -> Sequence[float]:
-        """Return the options, and what is the same for all contacts, as compiled code takes them."""
+        """Return the options, and the values common to all contacts, in the form that compiled code reads."""
         ...
 
 
 class Laws:
-    """A law for each world.
+    """One law per world.
 
     Attributes:
-        settings: see `OneWorld`, (nsim, n).
-        restitution: e of each world, (nsim,), NaN where a law has more than one; a view of the settings.
-        places: address of keys, address of values, and how many, int64 (nsim, 3).
-        given: the law of each world.
+        settings: see `OneWorld.settings`, (nsim, n).
+        restitution: e of each world, (nsim,), NaN where a law has several coefficients; a view of the settings.
+        places: address of keys, address of values and number of entries of each table of coefficients, int64 (nsim, 3).
+        given: the law last given to each world.
     """
 
     def __init__(self, one: OneWorld, worlds: int, settings: int):
@@ -56,7 +56,7 @@ class Laws:
         self._tables: list[Coefficients | None] = [None] * worlds
 
     def set(self, laws: Sequence[Law], worlds: Sequence[int]) -> None:
-        """Give some worlds a law each, or none of them if one is refused."""
+        """Give each of some worlds its law; if one law is refused, change no world."""
         made = {key: self._as_compiled(law) for key, law in {id(law): law for law in laws}.items()}
         for world, law in zip(worlds, laws, strict=True):
             table, row = made[id(law)]
@@ -72,7 +72,7 @@ class Laws:
         return self._one.coefficients(), self._one.settings()
 
     def check(self) -> None:
-        """Refuse restitution that was written and is none."""
+        """Raise RestitutionError if a value written to `restitution` is not in [0, 1]."""
         e = self.restitution
         fine = (e >= 0.0) & (e <= 1.0) | self._by_contact & np.isnan(e)
         if not fine.all():
@@ -80,7 +80,7 @@ class Laws:
             raise RestitutionError(f"restitution of world {world} must be in [0, 1], got {e[world]:g}")
 
     def learn(self, world: int, key: int) -> None:
-        """Ask the law of a world for the restitution of a contact."""
+        """Add the restitution of a contact, by its key, to the table of a world's law."""
         table = self._tables[world]
         assert table is not None
         table.learn(key)

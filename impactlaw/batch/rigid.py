@@ -1,4 +1,4 @@
-"""Worlds of a batch whose contact is rigid: time stepping in compiled code."""
+"""Step the worlds of a batch with rigid contact: time stepping in compiled code."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ _WHY = {
     status.TIMESTEP: "the timestep is not positive",
     status.OVERRIDDEN: "MuJoCo's override of contacts is on",
 }
-_COUNTED = slice(MEMORY.steps, MEMORY.created)  # what is counted over steps, and told of the last one
+_COUNTED = slice(MEMORY.steps, MEMORY.created)  # counts over all steps, and results of the last step
 _DIVERGED = {status.HUGE_INPUT, status.HUGE_OUTPUT, status.NOT_FINITE}
 
 
 class _OneRigidWorld:
-    """One world of time stepping, as `laws.OneWorld`."""
+    """A time stepper of one world; implements `laws.OneWorld`."""
 
     restitution_at = SETTING.restitution
 
@@ -46,24 +46,24 @@ class _OneRigidWorld:
         self.scheme, self.set_law, self.coefficients = scheme, scheme.set_law, scheme.coefficients
 
     def reason(self) -> str | None:
-        """Return why compiled code does not take the law; None if it does."""
+        """Return why compiled code does not cover the law; None if it does."""
         return reason(self.scheme)
 
     def settings(self) -> Sequence[float]:
-        """Return the scheme's, but forces are not written as MuJoCo's own cones have them."""
+        """Return the settings of the scheme, except that forces are not written in the form of MuJoCo's cones."""
         row = list(self.scheme.settings())
         row[SETTING.forces] = 0.0
         return row
 
 
 class RigidWorlds:
-    """What time stepping needs of many worlds.
+    """The worlds of a time-stepped batch: their laws, memory and reports, as compiled code reads and writes them.
 
     Attributes:
-        address: of the entry.
-        context: what the entry is given, see `compiled.entry.Worlds`.
-        places: see there.
-        laws: of the worlds.
+        address: address of the compiled function that steps one world.
+        context: the argument of that function: addresses and sizes of its arrays, int64.
+        places: names of the entries of `context`, see `compiled.entry.Worlds`.
+        laws: the laws of the worlds.
     """
 
     address, places = many.address, WORLDS
@@ -95,38 +95,41 @@ class RigidWorlds:
 
     @property
     def impact_count(self) -> np.ndarray:
-        """Steps of each world so far in which something collided, (nsim,)."""
+        """Number of steps of each world so far with at least one collision, (nsim,)."""
         return self._memory[:, MEMORY.impacts].astype(int)
 
     @property
     def inadmissible_count(self) -> np.ndarray:
-        """Of these, steps in which an outcome by the law left S(v-), (nsim,)."""
+        """Steps counted by `impact_count` in which the law's outcome left S(v-), (nsim,)."""
         return self._memory[:, MEMORY.inadmissible].astype(int)
 
     @property
     def short_steps(self) -> np.ndarray:
-        """Steps of each world so far that did not meet their law, (nsim,)."""
+        """Number of steps of each world so far that missed the law, (nsim,)."""
         return self._memory[:, MEMORY.short_steps].astype(int)
 
     @property
     def shortfall(self) -> np.ndarray:
-        """Largest amount by which each world has missed its law so far, m/s or rad/s, (nsim,)."""
+        """Largest amount by which a normal velocity of each world has missed the law so far, m/s or rad/s, (nsim,)."""
         return self._memory[:, MEMORY.worst].copy()
 
     def expand(self, name: str) -> None:
-        """Have a field of the model differ between worlds: Coriolis and gyroscopic forces are looked for in all."""
+        """Prepare for a field of the model that differs between worlds.
+
+        If inertial forces depend on the field, Coriolis and gyroscopic forces are computed in all worlds from now on.
+        """
         if name in INERTIA:
             self._scheme.inertial.act = True
             self.laws.settings[:, SETTING.inertial] = 1.0
 
     def start(self, worlds: np.ndarray, steps: int) -> None:
-        """Let the next call take so many steps of some worlds."""
+        """Prepare a call that takes a number of steps in some worlds."""
         self.context[WORLDS.steps] = steps
         self._report[worlds, 0] = status.FINE
         self._counted = self._memory[:, _COUNTED].copy()
 
     def go_on(self, worlds: np.ndarray) -> np.ndarray:
-        """Do what compiled code has left, and return the worlds that are to be stepped once more, int32 (k,)."""
+        """Look up the coefficients that compiled code lacked; return the worlds to be stepped again, int32 (k,)."""
         asked = worlds[self._report[worlds, 0] == status.UNKNOWN]
         for world in asked.tolist():
             self.laws.learn(world, int(self._report[world, 1]))
@@ -134,23 +137,23 @@ class RigidWorlds:
         return asked
 
     def failed(self, worlds: np.ndarray) -> dict[int, tuple[str, bool]]:
-        """Return worlds whose steps have failed, why, and whether they have left the finite numbers."""
+        """Return the worlds whose steps failed, each with the reason and whether its state diverged."""
         how = self._report[worlds, 0]
         found = zip(worlds[how != status.FINE].tolist(), how[how != status.FINE].tolist(), strict=True)
         return {world: (_WHY[one], one in _DIVERGED) for world, one in found}
 
     def put_back(self, worlds: np.ndarray) -> None:
-        """Let worlds that an error of MuJoCo's engine has ended be as they were before the call."""
+        """Restore the counts of worlds whose call ended in an error of MuJoCo, and forget their last step."""
         self._memory.view(np.int64)[worlds, MEMORY.known] = 0
         self._memory[worlds, _COUNTED] = self._counted[worlds]
         forget_surfaces(self._memory, worlds, self._model)
 
     def begin(self, worlds: np.ndarray) -> None:
-        """Let worlds have nothing to remember."""
+        """Clear the memory of worlds: their counts and their last step."""
         memory.begin(self._memory, worlds, self._model)
 
 
 def _free(numbers: np.ndarray, slots: np.ndarray) -> None:
-    """Give back what the worlds remember, and the other data of each thread."""
+    """Free the memory of the worlds, and the second data of each thread."""
     memory.free(numbers)
     delete_others(slots)

@@ -1,4 +1,4 @@
-"""Rows of state and fields of many worlds, as MuJoCo's batches keep them."""
+"""Arrays over the states and fields of many worlds, in the memory of MuJoCo's batches."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ _OF_MODEL = "field of mjModel"
 
 
 class Fields:
-    """Live arrays over the fields of all worlds.
+    """Live arrays over the states and fields of all worlds.
 
     Attributes:
-        state: rows, (nsim, nstate).
-        outputs: see `compiled.entry.Worlds`.
+        state: state vectors, one row per world, (nsim, nstate).
+        outputs: the bound fields that compiled code copies out of mjData, see `compiled.entry.Worlds`.
     """
 
     def __init__(self, pool: Pool, model: mujoco.MjModel):
@@ -37,7 +37,7 @@ class Fields:
         self.state = _numbers(pool, self._functions.mjb_state(pool.handle), (pool.worlds, self._width), np.dtype(float))
 
     def bind(self, name: str) -> np.ndarray:
-        """Return a field of mjData of all worlds, (nsim, ..)."""
+        """Return a live array over a field of mjData of all worlds, (nsim, ..)."""
         if name in _STATE:
             return self._part(name)
         new = ("mjb_output", name) not in self._known
@@ -48,12 +48,12 @@ class Fields:
         return found
 
     def expand(self, name: str) -> np.ndarray:
-        """Return a field of mjModel that each world has for itself from now on, (nsim, ..)."""
+        """Give each world its own values of a field of mjModel, and return them, (nsim, ..)."""
         self._check_no_option(name)
         return self._array("mjb_expand", name, self._model, _OF_MODEL, writeable=True)
 
     def expanded(self, name: str) -> np.ndarray | None:
-        """Return what `expand` has returned, or None if it was not asked for this field."""
+        """Return the array that `expand` made for a field, or None if it was not called for it."""
         if not _is_array(self._model, name):
             raise _unknown(self._model, name, _OF_MODEL)
         return self._known.get(("mjb_expand", name))
@@ -68,7 +68,7 @@ class Fields:
             )
 
     def write(self, world: int, data: Any) -> None:
-        """Let the bound fields of a world that are no parts of its state be those of data."""
+        """Copy the bound fields that are not part of the state from data to the arrays of a world."""
         for offset, place, size in self.outputs.tolist():
             inside = data._address + abs(offset)
             source = inside if offset < 0 else ctypes.c_size_t.from_address(inside).value
@@ -108,7 +108,7 @@ def _is_array(owner: Any, name: str) -> bool:
 
 
 def _numbers(pool: Pool, address: int, shape: tuple[int, ...], kind: np.dtype) -> np.ndarray:
-    """Return the numbers at an address, which the pool keeps as long as they are held."""
+    """Return an array over the pool's memory at an address; it keeps the pool alive as long as it is referenced."""
     size = int(np.prod(shape)) * kind.itemsize
     if size == 0:
         return np.zeros(shape, kind)

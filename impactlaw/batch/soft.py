@@ -1,4 +1,4 @@
-"""Worlds of a batch whose contact is MuJoCo's: soft steps in compiled code, and a few in Python."""
+"""Step the worlds of a batch with soft contact: in compiled code, and a few steps in Python."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ from impactlaw.stepping.soft.scheme import SoftStepping
 from impactlaw.stepping.way import Way
 
 _DISCRETE = int(mujoco.mjtIntegrator.mjINT_DISCRETE)
-_HOW, _ASKED, _TAKEN = 0, 1, 2  # places in the report of a world
-_IMPACTS, _INADMISSIBLE, _SHORT = 0, 1, 2  # places in what is remembered of a world
-_FAILED = -1  # how a world has ended whose step in Python has failed: later rounds of the call are not for it
+_HOW, _ASKED, _TAKEN = 0, 1, 2  # columns of the report: how the call ended, key asked for, steps taken
+_IMPACTS, _INADMISSIBLE, _SHORT = 0, 1, 2  # columns of the counts of a world
+_FAILED = -1  # a step in Python has failed: the world is not stepped again in this call
 _HUGE = "MuJoCo met a state that is not finite, or huge"
 
 
 class _OneSoftWorld:
-    """One world of soft steps, as `laws.OneWorld`."""
+    """A soft stepper of one world; implements `laws.OneWorld`."""
 
     restitution_at = SETTING.restitution
 
@@ -47,24 +47,24 @@ class _OneSoftWorld:
         self.way, self.scheme = way, scheme
 
     def set_law(self, law: Law) -> None:
-        """Take another law."""
+        """Set the law to be converted."""
         self.scheme.set_law(self.way.law_for(law))
 
     def reason(self) -> str | None:
-        """Return why compiled code does not take the law; None if it does."""
+        """Return why compiled code does not cover the law; None if it does."""
         return reason(self.scheme)
 
     def coefficients(self) -> Coefficients:
-        """Return a table of the law's coefficients, which is empty yet."""
+        """Return a new, empty table of the law's coefficients."""
         return coefficients(self.scheme)
 
     def settings(self) -> Sequence[float]:
-        """Return the options as compiled code takes them."""
+        """Return the options in the form that compiled code reads."""
         return settings(self.scheme)
 
 
 class SoftWorlds:
-    """What soft steps need of many worlds; arguments and attributes are those of `rigid.RigidWorlds`."""
+    """The worlds of a batch with soft contact; arguments and attributes are those of `rigid.RigidWorlds`."""
 
     address, places = many.address, WORLDS
 
@@ -100,36 +100,39 @@ class SoftWorlds:
 
     @property
     def impact_count(self) -> np.ndarray:
-        """Steps of each world so far in which something collided, (nsim,)."""
+        """Number of steps of each world so far with at least one collision, (nsim,)."""
         return self._memory[:, _IMPACTS].astype(int)
 
     @property
     def inadmissible_count(self) -> np.ndarray:
-        """Of these, steps in which an outcome by the law left S(v-), (nsim,)."""
+        """Steps counted by `impact_count` in which the law's outcome left S(v-), (nsim,)."""
         return self._memory[:, _INADMISSIBLE].astype(int)
 
     @property
     def short_steps(self) -> np.ndarray:
-        """Steps of each world so far that were without restitution in part, or left to MuJoCo's contacts, (nsim,)."""
+        """Steps of each world so far that lost restitution in part, or were left to MuJoCo's contacts, (nsim,)."""
         return self._memory[:, _SHORT].astype(int)
 
     @property
     def shortfall(self) -> np.ndarray:
-        """Zeros, (nsim,): every collision is certified, or counted as a short step."""
+        """Zeros, (nsim,): every collision is certified or counted in `short_steps`."""
         return np.zeros(len(self._report))
 
     def expand(self, name: str) -> None:
-        """Have a field of the model differ between worlds: steps in Python take the model of their world."""
+        """Prepare for a field of the model that differs between worlds: steps in Python read each world's own model."""
         self._expanded = True
 
     def start(self, worlds: np.ndarray, steps: int) -> None:
-        """Let the next call take so many steps of some worlds."""
+        """Prepare a call that takes a number of steps in some worlds."""
         self.context[WORLDS.steps] = steps
         self._report[worlds] = FINE, 0, 0
         self._failed, self._counted = {}, self._memory.copy()
 
     def go_on(self, worlds: np.ndarray) -> np.ndarray:
-        """Do what compiled code has left, and return the worlds that are to be stepped once more, int32 (k,)."""
+        """Look up coefficients and take the steps that compiled code left to Python; return the worlds to go on with.
+
+        These are the worlds that have not taken all steps of the call yet, int32 (k,).
+        """
         how = self._report[worlds, _HOW]
         diverged = worlds[how == DIVERGED]
         self._memory[diverged] = self._counted[diverged]
@@ -149,29 +152,29 @@ class SoftWorlds:
         return np.sort(np.concatenate([left, going]))
 
     def failed(self, worlds: np.ndarray) -> dict[int, tuple[str, bool]]:
-        """Return worlds whose steps have failed, why, and whether they have left the finite numbers."""
+        """Return the worlds whose steps failed, each with the reason and whether its state diverged."""
         diverged = worlds[self._report[worlds, _HOW] == DIVERGED].tolist()
         return dict.fromkeys(diverged, (_HUGE, True)) | self._failed
 
     def put_back(self, worlds: np.ndarray) -> None:
-        """Let worlds be as they were before the call, if it has begun."""
+        """Restore the state and counts of worlds to those before the call."""
         begun = worlds[self._report[worlds, _TAKEN] > 0]
         self._fields.state[begun] = self._first[begun]
         self._memory[worlds] = self._counted[worlds]
 
     def begin(self, worlds: np.ndarray) -> None:
-        """Let worlds have nothing to remember."""
+        """Clear the counts of worlds."""
         self._memory[worlds] = 0.0
 
     def _step_in_python(self, world: int) -> None:
-        """Take one step of a world in Python; if that fails the world is as it was before the call."""
+        """Take one step of a world in Python; if it fails, restore the world to its state before the call."""
         model, scheme, data = self._model, self._one.scheme, self._data
         if self._expanded:
             model = copy.copy(model)
             self._pool.write_model(world, model)
             scheme = _OneSoftWorld(Way(model, self._plan, self._options, None), Moreau(0.0)).scheme
         scheme.set_law(self._one.way.law_for(self._law_of(world)))
-        mujoco.mj_resetData(model, data)  # with nothing that an error in another world has left
+        mujoco.mj_resetData(model, data)  # clears what a failed step of another world may have left
         restore_state(model, data, self._fields.state[world])
         missed = scheme.short_steps + scheme.unlocated
         try:
@@ -194,7 +197,7 @@ class SoftWorlds:
             self._fields.write(world, data)
 
     def _law_of(self, world: int) -> Law:
-        """Return the law of a world, with the restitution that was written."""
+        """Return the law of a world with the value written to `restitution`."""
         law, e = self.laws.given[world], float(self.laws.restitution[world])
         assert law is not None
         if np.isnan(e) or law.normal_law.common_coefficient == e:
