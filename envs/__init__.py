@@ -1,4 +1,4 @@
-"""Gymnasium environments in which the impact law decides, registered on import."""
+"""Gymnasium environments whose outcome depends on the impact law; importing this package registers them."""
 
 import gymnasium
 

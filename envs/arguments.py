@@ -1,4 +1,4 @@
-"""What an environment of this package is given, and its spaces."""
+"""Check arguments of this package's environments, and make their spaces."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from impactlaw.errors import RenderError, SceneError, UnknownNameError
 
 
 def check_arguments(frame_skip: object, render_mode: str | None, known: Iterable[str]) -> None:
-    """Refuse numbers of timesteps and ways to draw that there are not.
+    """Check the number of timesteps per step, and the render mode.
 
     Raises:
-        SceneError: frame_skip is not a positive whole number.
+        SceneError: frame_skip is not a positive integer.
         UnknownNameError: there is no such render mode.
         RenderError: there is no display to draw on.
     """
@@ -29,7 +29,7 @@ def check_arguments(frame_skip: object, render_mode: str | None, known: Iterable
 
 
 def box(groups: Sequence[tuple[int, float, float]]) -> Box:
-    """Return a space of groups of numbers, each with how many, and their lowest and highest value."""
+    """Return a box space of groups of numbers, each given by its length, lower bound and upper bound."""
     low = np.concatenate([np.full(count, low) for count, low, _ in groups])
     high = np.concatenate([np.full(count, high) for count, _, high in groups])
     return Box(low, high, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""What the environments of this package share: scene, stepper, pictures, recording and ``info``."""
+"""The base class of this package's environments: scene, stepper, pictures, recording and ``info``."""
 
 from __future__ import annotations
 
@@ -40,45 +40,48 @@ _RESET = "pass it to reset(options=...), for an episode, or make a new environme
 class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
     """A scene under an impact law as a gymnasium environment.
 
-    A subclass names its scene and default law, may `edit` the scene, and says how an episode starts, what an action
-    does, what is observed, and what the outcome is worth. Collisions are resolved by the law; an outcome that it would
-    put outside of the set of possible velocities is projected onto it and counted in ``info`` (`impact_info`).
-    Observations beyond their space are clipped to it. If the simulation leaves the finite numbers, the episode is
-    truncated where the step began and ``info["impact/diverged"]`` is 1.
+    A subclass names its scene and default law, may `edit` the scene, and defines how an episode starts, what an action
+    does, what is observed and what is rewarded. The law resolves collisions. If its outcome lies outside the set of
+    possible velocities, it is projected onto the set and counted in ``info`` (`impact_info`). Observations are clipped
+    to their space. If the simulation diverges (a state that is not finite), the state returns to the start of the step,
+    the episode is truncated, and ``info["impact/diverged"]`` is 1.
 
-    A mocap body that a task `drive`s moves every timestep but the first one of an episode, since its velocity is known
-    from the second one on (`impactlaw.scene.moving_surfaces`).
+    A mocap body that a task `drive`s moves in every timestep except the first of an episode, because its velocity is
+    only known from the second timestep on (`impactlaw.scene.moving_surfaces`).
 
     Args:
-        law: name of a law (`impactlaw.make_law`), "scene" for what the MJCF itself carries, or a `Law`; the
-            environment's own one if not given.
-        restitution: what the law takes; the scene's own coefficient if the law needs one and none is given.
+        law: name of a law (`impactlaw.make_law`), "scene" for the restitution that the MJCF itself carries, or a `Law`;
+            the environment's default law if not given.
+        restitution: argument of the law; the scene's own coefficient if the law needs one and none is given.
         contact_model: "rigid", or "soft" for MuJoCo's contacts between collisions.
-        scheme: of rigid contact: "event-driven", if not given, or "time-stepping"; see `Stepper`.
-        friction: of rigid contact and of soft collisions: "coulomb", if not given, "convex" or "ignore"; see `Stepper`.
-        frame_skip: timesteps per step; the environment's own number if not given.
+        scheme: scheme of rigid contact: "event-driven", the default, or "time-stepping"; see `Stepper`.
+        friction: friction of rigid contact and of soft collisions: "coulomb", the default, "convex" or "ignore"; see
+            `Stepper`.
+        frame_skip: timesteps per step; the environment's default if not given.
         render_mode: "rgb_array", "human" or None.
-        log: file to record every timestep to (`impactlaw.recording`), from the first reset on until `close`, such as
-            ``run.rrd``, or ``run-{env}-{episode}.rrd`` for one per environment and episode (`EpisodeLog`). A file that
-            is there is never written over: that is an error, but where ``{env}`` takes the next number.
-        log_every: record every so many episodes, from the first one on.
-        width: of pictures, pixels.
-        height: of pictures, pixels.
+        log: file in which to record every timestep (`impactlaw.recording`), from the first reset until `close`, such as
+            ``run.rrd``, or ``run-{env}-{episode}.rrd`` for one file per environment and episode (`EpisodeLog`).
+            Existing files are never overwritten: ``{env}`` takes the next free number, and without it an existing file
+            is an error.
+        log_every: record every log_every-th episode, starting with the first.
+        width: width of pictures, pixels.
+        height: height of pictures, pixels.
 
-    ``reset(options=...)`` takes "law", "restitution", "friction" and "scheme" for the episode that begins; the next
-    reset without them has those of the environment again. ``info`` names the law and the restitution in force. A law,
-    or a restitution, that is set on the environment (``env.unwrapped.law = ...``, ``vec.set_attr("law", ...)``) takes
-    effect with the next step and stays; other arguments are settled when it is made, and setting them is an error.
+    ``reset(options=...)`` takes "law", "restitution", "friction" and "scheme" for one episode; the next reset without
+    them returns to those of the environment. ``info`` names the law and the restitution in force. A law or restitution
+    assigned to the environment (``env.unwrapped.law = ...``, ``vec.set_attr("law", ...)``) takes effect with the next
+    step and is permanent. All other arguments are fixed at construction, and assigning to them is an error.
 
     Attributes:
-        driven: place and velocity of the mocap body that the task drives, zero at the start of an episode.
+        driven: position and velocity of the mocap body that the task drives, zero at the start of an episode.
 
     Raises:
-        UnknownNameError: no such law, contact model or render mode, or a law for contacts that the scene cannot have.
+        UnknownNameError: there is no such law, contact model or render mode, or the law is keyed by contacts that the
+            scene cannot have.
         RestitutionError: the restitution does not fit the law.
-        SceneError: frame_skip is not a positive whole number, or an option means nothing to the contact model.
-        OptionError: width, height or log_every is not a positive whole number, or log has fields that there are not.
-        RecordingError: there is such a recording already.
+        SceneError: frame_skip is not a positive integer, or an option has no meaning for the contact model.
+        OptionError: width, height or log_every is not a positive integer, or log has unknown fields.
+        RecordingError: the recording exists already.
         RenderError: render_mode="human" without a display.
     """
 
@@ -91,7 +94,7 @@ class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
     LAW: ClassVar[str]
     FRAME_SKIP: ClassVar[int]
     OBSERVATION: ClassVar[tuple[tuple[int, float, float], ...]]
-    """Count, lowest and highest value of each group of observed numbers."""
+    """Length, lower bound and upper bound of each group of observed numbers."""
     ACTION: ClassVar[tuple[tuple[int, float, float], ...]]
 
     model, data, frame_skip = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
@@ -140,32 +143,32 @@ class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
         self.driven = 0.0, 0.0
         self._pictures = Pictures(self.model, self.data, width, height)
 
-    # -- what a task is made of ------------------------------------------------------------------------------------
+    # -- methods that a task defines -------------------------------------------------------------------------------
 
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Add to the scene what the task needs: actuators, marks."""
+        """Add to the scene what the task needs, such as actuators and marks."""
 
     @abstractmethod
     def start(self) -> None:
-        """Draw an episode from ``self.np_random`` and put ``self.data`` to its start, from the scene's own."""
+        """Draw an episode from ``self.np_random``, and set ``self.data``, reset to the keyframe, to its start."""
 
     @abstractmethod
     def act(self, action: np.ndarray) -> None:
-        """Make the controls, for all timesteps of a step, from an action within its space."""
+        """Set the controls for all timesteps of a step from an action within its space."""
 
     def drive(self) -> None:
-        """Move ``self.driven`` on by a timestep, and the mocap body that it stands for to where that leads."""
+        """Advance ``self.driven`` by a timestep, and move its mocap body to the new position."""
 
     def watch(self) -> None:
-        """Look at the state after a timestep."""
+        """Inspect the state after a timestep."""
 
     @abstractmethod
     def observe(self) -> np.ndarray:
-        """Return what is observed of the state."""
+        """Return the observation of the state."""
 
     @abstractmethod
     def judge(self) -> tuple[float, bool]:
-        """Return the reward of a step, and whether it ends the episode."""
+        """Return the reward of a step, and whether the step terminates the episode."""
 
     # -- gymnasium -------------------------------------------------------------------------------------------------
 
@@ -176,12 +179,12 @@ class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
 
     @property
     def stepper(self) -> Stepper:
-        """What steps the scene, in this episode."""
+        """The stepper of this episode."""
         return self._stepper
 
     @property
     def spec(self) -> EnvSpec | None:
-        """What `gymnasium.make` makes the same environment from; a law in it is written so that JSON can have it."""
+        """The spec from which `gymnasium.make` makes the same environment; laws in it can be written to JSON."""
         return self._spec
 
     @spec.setter
@@ -191,24 +194,24 @@ class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start an episode drawn from the seed, under the law that the options ask for.
+        """Start an episode drawn from the seed, under the law given in the options.
 
         Args:
-            seed: of the random generator.
-            options: "law", "restitution", "friction", "scheme", for this episode only, each as the constructor's; a
-                law without a restitution has the scene's own.
+            seed: seed of the random generator.
+            options: "law", "restitution", "friction" and "scheme" for this episode only, each as in the constructor; a
+                law given without a restitution takes the scene's own.
 
         Raises:
             UnknownNameError: there is no such option, law or scheme.
             RestitutionError: the restitution does not fit the law.
-            SceneError: the option means nothing to the contact model.
+            SceneError: an option has no meaning for the contact model.
         """
         check_reset(options)
         if seed is not None:
-            np_random(seed)  # refuses what is no seed
+            np_random(seed)  # raises on an invalid seed
         with self.seeds.begun(seed):
             self.use(self._options.for_reset(options, self.seeds))
-        super().reset(seed=seed)  # after all that can be refused, which leaves the generators as they were
+        super().reset(seed=seed)  # after all checks, so that a refused reset leaves the generators unchanged
         generator = self.np_random.bit_generator.state
         mujoco.mj_resetDataKeyframe(self.model, self.data, self.model.key(START).id)
         self.driven = 0.0, 0.0
@@ -229,7 +232,7 @@ class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
         Raises:
             ResetNeeded: there was no reset yet (gymnasium's own error).
             ActionError: the action has the wrong shape or is not finite.
-            ImpactLawError: as by `Stepper.step`, but for `DivergenceError`, which ends the episode.
+            ImpactLawError: as raised by `Stepper.step`, except `DivergenceError`, which ends the episode.
         """
         if not self._begun:
             raise ResetNeeded("an episode begins with reset(); call it before step()")
@@ -257,29 +260,29 @@ class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
         return self._observation(), float(reward), bool(terminated), diverged, info
 
     def render(self) -> np.ndarray | None:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Return a picture, uint8 (height, width, 3), or show it in a window, as ``render_mode`` says.
+        """Return a picture, uint8 (height, width, 3), or show it in a window, depending on ``render_mode``.
 
         Raises:
-            RenderError: there is nothing to draw with; the message names the missing packages.
+            RenderError: no OpenGL library works; the message names the missing packages.
         """
         return None if self.render_mode is None else self._pictures.draw(self.render_mode)
 
     def close(self) -> None:
-        """End recording and rendering; a second call does nothing."""
+        """End recording and rendering; a second call has no effect."""
         self._pictures.close()
         if self._log is not None:
             self._log.finish()
             self._log = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """A copy goes on from the same state; it draws by itself and does not record."""
+        """Return the state of a copy, which continues from the same state, has its own renderer and does not record."""
         pictures = Pictures(self.model, self.data, *self._pictures.size)
         return self.__dict__ | {"_pictures": pictures, "_log": None}
 
-    # -- inside ----------------------------------------------------------------------------------------------------
+    # -- internal --------------------------------------------------------------------------------------------------
 
     def use(self, options: LawOptions) -> None:
-        """Let these be in force."""
+        """Put options into force for this episode."""
         super().use(options)
         self._named = describe_law(self.law)
 

@@ -1,4 +1,4 @@
-"""Seeds of laws that draw their outcomes, one for each episode."""
+"""Seeds, one per episode, for laws that draw their outcomes."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy as np
 
 
 class EpisodeSeeds:
-    """Draws from a generator of its own, so that an environment starts its episodes as it does under other laws.
+    """A source of seeds with its own generator, so that episodes start in the same way under every law.
 
     Args:
-        stream: tells those apart that are seeded with the same number.
+        stream: number that separates sources seeded with the same seed.
     """
 
     def __init__(self, stream: int):
@@ -20,13 +20,13 @@ class EpisodeSeeds:
         self.generator = np.random.default_rng()
 
     def begin(self, seed: int | None) -> None:
-        """Begin anew where a reset has a seed."""
+        """Reseed the generator if a reset has a seed."""
         if seed is not None:
             self.generator = np.random.default_rng([seed, self._stream])
 
     @contextmanager
     def begun(self, seed: int | None) -> Iterator[None]:
-        """Begin, for a context; if that fails, the generator is as it was before."""
+        """Reseed the generator for a context; if the context raises, restore the generator."""
         before, state = self.generator, self.generator.bit_generator.state
         try:
             self.begin(seed)
@@ -36,9 +36,9 @@ class EpisodeSeeds:
             raise
 
     def draw(self) -> int:
-        """Return a seed."""
+        """Draw a seed."""
         return int(self.generator.integers(2**31))
 
 
 OUTCOMES, LAWS = 1, 2
-"""Streams: of outcomes of a law, and of the law itself."""
+"""Streams: one for outcomes drawn by a law, one for drawing the law itself."""

@@ -1,4 +1,4 @@
-"""Laws and restitutions to draw from, one of each for an episode."""
+"""A distribution of laws and restitutions, from which each episode draws one of each."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from impactlaw.laws import Law, make_law, portable, restored, takes_restitution
 from impactlaw.stepping.compatibility import FRICTION
 
 _UNIFORM, _SCIPY = "uniform", "scipy"
-"""Keys of a distribution as plain values."""
+"""Keys of a distribution that is written as plain values."""
 
 
 @dataclass(frozen=True, eq=False)
 class LawDistribution:
-    """Laws, each as likely as any other, and a distribution of their restitution.
+    """A uniform distribution over laws, with a distribution of their restitution.
 
     Attributes:
-        laws: names of laws, "scene" among them, or `Law` objects.
-        restitution: a tuple of two numbers, the ends of an interval in [0, 1], for a uniform one; a list, or any other
-            sequence, of what laws take, to choose from; a frozen distribution of `scipy.stats` on [0, 1]; or None for
-            the scene's own. Laws that take none, such as "maximal-dissipation" and "any-outcome", and `Law` objects,
-            which have theirs, get none.
-        friction: options of rigid contact to choose from, "coulomb", "convex", "ignore"; None to leave it as it is.
+        laws: names of laws, which may include "scene", or `Law` objects.
+        restitution: a tuple of two numbers, for the uniform distribution on this interval in [0, 1]; a list, or any
+            other sequence, of arguments of laws to choose from; a frozen distribution of `scipy.stats` on [0, 1]; or
+            None for the scene's own. No restitution is drawn for laws that take none, such as "maximal-dissipation" and
+            "any-outcome", or for `Law` objects, which have their own.
+        friction: options of rigid contact to choose from, "coulomb", "convex", "ignore"; None to leave it unchanged.
 
     Raises:
-        OptionError: there is nothing to choose from, or the distribution reaches beyond [0, 1].
-        UnknownNameError: no such law, or option of friction.
+        OptionError: a list to choose from is empty, or the distribution reaches beyond [0, 1].
+        UnknownNameError: there is no such law, or no such option of friction.
         RestitutionError: a law cannot have such a restitution.
     """
 
@@ -55,12 +55,12 @@ class LawDistribution:
         object.__setattr__(self, "_takes", tuple(_takes_restitution(law, examples) for law in self.laws))
 
     def draw(self, rng: np.random.Generator, given: Iterable[str] = ()) -> dict[str, Any]:
-        """Return options of a reset: "law", "restitution" where that law takes one, and "friction".
+        """Draw options of a reset: "law", "restitution" if that law takes one, and "friction".
 
         Args:
-            rng: draws as many numbers whatever is given.
-            given: options that somebody else gives. A law that is given has its own restitution; one that is given
-                goes with a law that takes one.
+            rng: random generator; the number of draws does not depend on `given`.
+            given: names of options that the caller provides, which are not returned. With a given law no restitution is
+                returned; with a given restitution the law is drawn among those that take one.
         """
         given, takes = set(given), self._takes  # pyright: ignore[reportAttributeAccessIssue]
         fitting = [i for i, own in enumerate(takes) if own] if "restitution" in given else []
@@ -76,14 +76,14 @@ class LawDistribution:
         return {name: value for name, value in found.items() if name not in given}
 
     def examples(self) -> list[dict[str, Any]]:
-        """Return options of a reset that ask for each of the laws, with one of their restitutions."""
+        """Return options of a reset for each of the laws, each with one restitution if the law takes one."""
         takes, ends = self._takes, self._examples()  # pyright: ignore[reportAttributeAccessIssue]
         return [
             {"law": law} | ({"restitution": ends[0]} if own else {}) for law, own in zip(self.laws, takes, strict=True)
         ]
 
     def arguments(self) -> dict[str, Any]:
-        """Return what makes the same distribution again, as plain values where that can be."""
+        """Return constructor arguments that make the same distribution, as plain values where possible."""
         e = self.restitution
         if isinstance(e, tuple):
             e = {_UNIFORM: list(e)}
@@ -112,13 +112,17 @@ class LawDistribution:
 
 
 def _is_choice(value: Any) -> bool:
-    """Return whether these are several, in an order: that of a set differs from process to process."""
+    """Return whether a value is a nonempty ordered collection; the order of a set differs between processes."""
     ordered = isinstance(value, Sequence) or (isinstance(value, np.ndarray) and value.ndim > 0)
     return ordered and not isinstance(value, str | bytes) and len(value) > 0
 
 
 def _distribution(value: Any) -> Any:
-    """Return a tuple of two ends, a list of choices, a frozen distribution, or None; refuse anything else."""
+    """Return a restitution as an interval (low, high), a list of choices, a frozen distribution or None.
+
+    Raises:
+        OptionError: it is anything else, or reaches beyond [0, 1].
+    """
     if isinstance(value, Mapping) and _UNIFORM in value:
         value = tuple(value[_UNIFORM])
     if isinstance(value, Mapping) and _SCIPY in value:
@@ -151,7 +155,7 @@ def _distribution(value: Any) -> Any:
 
 
 def _takes_restitution(law: Any, examples: list[Any]) -> bool:
-    """Return whether a law takes a restitution; refuse one that takes some, but not that."""
+    """Return whether a law takes a restitution; raise if it takes one, but not one of the examples."""
     if law == "scene" or not takes_restitution(law):
         return False
     for e in examples:
@@ -162,5 +166,5 @@ def _takes_restitution(law: Any, examples: list[Any]) -> bool:
 def _plain(value: Any) -> Any:
     try:
         return portable(value)
-    except RestitutionError:  # JSON will say so
+    except RestitutionError:  # writing JSON will report it
         return value

@@ -1,4 +1,4 @@
-"""Where the law of an environment is, among the wrappers around it."""
+"""Find the law of an environment among the wrappers around it."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from impactlaw.errors import WrapperError
 
 
 def law_holder(env: gymnasium.Env) -> ImpactLaw | ImpactEnv:
-    """Return the `ImpactLaw` around an environment, or the environment, if it is one of this package.
+    """Return the outermost `ImpactLaw` around an environment, or the environment itself if it is an `ImpactEnv`.
 
     Raises:
-        WrapperError: it has no impact law, or that was removed.
+        WrapperError: the environment has no impact law, or the law was removed.
     """
     while isinstance(env, gymnasium.Wrapper):
         if isinstance(env, ImpactLaw):

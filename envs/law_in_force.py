@@ -1,4 +1,4 @@
-"""The law that an environment is under, its own or one put there; it can be set."""
+"""The law in force in an environment, its own or one put into it, with setters."""
 
 from __future__ import annotations
 
@@ -15,21 +15,24 @@ from impactlaw.stepping.stepper import Stepper
 
 
 class LawInForce:
-    """What steps under a law: what was asked for, what is in force in this episode, and the stepper made of that."""
+    """Base class of owners of a law: the standing options, the options of this episode, and the stepper under these.
+
+    A reset may change the options for one episode; the standing options are those to which the next reset returns.
+    """
 
     _options: LawOptions
     _in_force: LawOptions
     _stepper: Stepper
     seeds: EpisodeSeeds
-    """Of outcomes, for laws that draw them."""
+    """Seeds for laws that draw their outcomes."""
 
     @property
     def law(self) -> Law:
-        """The law in force; set it, to what the argument takes, and it is in force from the next step on.
+        """The law in force; assign anything that the argument `law` accepts, to be in force from the next step on.
 
         Raises:
-            UnknownNameError: as where it was given, and the law stays what it was.
-            RestitutionError: as where it was given, and the law stays what it was.
+            UnknownNameError: as for the argument; the law does not change.
+            RestitutionError: as for the argument; the law does not change.
         """
         return self._stepper.law
 
@@ -40,7 +43,7 @@ class LawInForce:
 
     @property
     def restitution(self) -> Any:
-        """The restitution as it was given, None for the scene's own; set it, and the law by its name has that."""
+        """The restitution as given, None for the scene's own; assigning to it changes that of a law given by name."""
         return self._options.restitution
 
     @restitution.setter
@@ -54,16 +57,16 @@ class LawInForce:
         return self._in_force
 
     def use(self, options: LawOptions) -> None:
-        """Let these be in force."""
+        """Put options into force for this episode."""
         self._stepper = options.changed_stepper(self._stepper, self._in_force)
         self._in_force = options
 
     def _set(self, **changes: Any) -> None:
-        """Change what stands, and what is in force, or nothing if either cannot have it."""
+        """Change the standing options and those in force; if either change is refused, change neither."""
         standing = replace(self._options, **changes)
         if self._in_force is self._options:
             in_force = standing
-        else:  # this episode has something of its own, so that `use` does not look at what stands
+        else:  # this episode has its own options, so `use` would not check the standing ones
             standing.stepper(self._stepper.model)
             in_force = replace(self._in_force, **changes)
         with self.seeds.begun(None):
@@ -72,13 +75,13 @@ class LawInForce:
 
 
 def goes_with_restitution(law: Any) -> bool:
-    """Return whether a law, as it was given, is a name that a restitution goes with."""
+    """Return whether a law was given as the name of a law that takes a restitution."""
     return isinstance(law, str) and law in LAWS and takes_restitution(law)
 
 
 @contextmanager
 def way_out(is_needed: bool, owner: str = "env") -> Iterator[None]:
-    """Let an error say, too, how a law and its restitution are set together."""
+    """Extend a RestitutionError, if needed, by a hint on how to set a law together with its restitution."""
     try:
         yield
     except RestitutionError as error:

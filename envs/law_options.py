@@ -1,4 +1,4 @@
-"""What an environment's law and its way to step are, as they are asked for, and what a reset may change of them."""
+"""The options of an environment's law and stepper, and those of them that a reset may change."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from impactlaw.stepping.stepper import Stepper
 RESET = ("law", "restitution", "friction", "scheme")
 """Keys of ``reset(options=...)``."""
 
-_LONGEST = 200  # characters of a law's text in info, which goes from process to process at every step
+_LONGEST = 200  # characters of a law's text in info, which is sent between processes at every step
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LawOptions:
-    """What environments, `ImpactLaw` and `put_law` take; see there.
+    """The options of environments, `ImpactLaw` and `put_law`; see there.
 
     Attributes:
-        usual_scheme: of rigid contact, where no scheme is given.
-        overlap: of event-driven and time-stepping steppers.
-        seed: of this episode, for a law that draws its outcomes and has no seed of its own.
+        usual_scheme: scheme of rigid contact if none is given.
+        overlap: option of `Stepper`, used if contact is rigid.
+        seed: seed of this episode, for a law that draws its outcomes and has no seed of its own.
     """
 
     law: str | Law | Mapping[str, Any]
@@ -50,11 +50,11 @@ class LawOptions:
 
     @property
     def scheme_in_force(self) -> Literal["event-driven", "time-stepping"] | None:
-        """The scheme that rigid contact is stepped by; soft contact has none."""
+        """The scheme of rigid contact, given or default; for soft contact the scheme as given, normally None."""
         return (self.scheme or self.usual_scheme) if self.contact_model == "rigid" else self.scheme
 
     def law_for(self, model: mujoco.MjModel) -> Law:
-        """Return the law, for a model."""
+        """Return the law for a model, with the seed of this episode if there is one."""
         law = choose_law(model, self.law, self.restitution)
         return law if self.seed is None else law.seeded(self.seed)
 
@@ -63,7 +63,7 @@ class LawOptions:
         """Whether the law draws its outcomes, and has no seed of its own."""
         try:
             law = make_law(self.law, self.restitution)
-        except (RestitutionError, UnknownNameError):  # what is in the scene, or none
+        except (RestitutionError, UnknownNameError):  # the law depends on the scene, or does not exist
             return False
         return law.seeded(0) is not law
 
@@ -71,7 +71,7 @@ class LawOptions:
         """Return a stepper for the model.
 
         Raises:
-            SceneError: an option means nothing to this contact model or scheme.
+            SceneError: an option has no meaning for this contact model or scheme.
             OptionError: impulse_in_cfrc_ext is neither True nor False.
         """
         rigid = self.contact_model == "rigid"
@@ -89,7 +89,12 @@ class LawOptions:
         )  # fmt: skip
 
     def changed_stepper(self, stepper: Stepper, before: LawOptions) -> Stepper:
-        """Return the stepper, which was by the options before, with the law of these; or another one if need be."""
+        """Return a stepper under these options: the given one with another law, or a new one if it must be remade.
+
+        Args:
+            stepper: stepper made from the options before.
+            before: those options.
+        """
         if self is before:
             return stepper
         if (self.friction, self.scheme) != (before.friction, before.scheme):
@@ -98,11 +103,11 @@ class LawOptions:
         return stepper
 
     def for_reset(self, options: Mapping[str, Any] | None, seeds: EpisodeSeeds) -> LawOptions:
-        """Return what is in force in an episode that is reset with these options; a law comes without restitution.
+        """Return the options in force in an episode that a reset begins.
 
         Args:
-            options: of the reset.
-            seeds: for a law that draws its outcomes.
+            options: options of the reset; a law given without a restitution does not keep the standing one.
+            seeds: source of seeds for a law that draws its outcomes.
         """
         given = {name: value for name, value in (options or {}).items() if name in RESET}
         if "law" in given:
@@ -111,11 +116,14 @@ class LawOptions:
         return replace(asked, seed=seed) if asked.draws else asked
 
     def seeded(self, seeds: EpisodeSeeds) -> LawOptions:
-        """Return these with a seed, if the law needs one."""
+        """Return these options, with a seed if the law needs one."""
         return replace(self, seed=seeds.draw()) if self.draws else self
 
     def settings(self, law: Law) -> dict[str, Any] | None:
-        """Return reset options that make the same, and the contact model, as plain values; None for a law without."""
+        """Return reset options that restore this law, and the contact model, as plain values.
+
+        Return None if the law cannot be written as plain values.
+        """
         plain = as_plain(law)
         if plain is None:
             return None
@@ -125,7 +133,7 @@ class LawOptions:
 
 
 def as_plain(law: Law) -> Any:
-    """Return a law as plain values; None if that cannot be."""
+    """Return a law as plain values; None if it cannot be written so."""
     try:
         return portable(law)
     except RestitutionError:
@@ -133,11 +141,11 @@ def as_plain(law: Law) -> Any:
 
 
 def check_reset(options: Mapping[str, Any] | None, known: Sequence[str] = RESET) -> None:
-    """Refuse options of a reset that would be ignored.
+    """Check that no option of a reset would be ignored.
 
     Raises:
         UnknownNameError: there is no such option.
-        OptionError: they are not a mapping.
+        OptionError: the options are not a mapping.
     """
     if options is not None and not isinstance(options, Mapping):
         raise OptionError(f"options of a reset are a mapping of {', '.join(known)} to values, got {options!r}")
@@ -147,17 +155,17 @@ def check_reset(options: Mapping[str, Any] | None, known: Sequence[str] = RESET)
 
 
 def choose_law(model: mujoco.MjModel, law: str | Law | Mapping[str, Any], restitution: Any = None) -> Law:
-    """Return the law that an environment was asked for.
+    """Return the law described by the arguments of an environment.
 
     Args:
         model: the scene.
         law: a `Law`, its name, or "scene" for the restitution that the MJCF carries pair by pair.
-        restitution: what the law takes; the scene's default coefficient if the law needs one and none is given.
+        restitution: argument of the law; the scene's default coefficient if the law needs one and none is given.
 
     Raises:
-        UnknownNameError: no such law.
-        OptionError: it is a distribution of laws.
-        RestitutionError: the restitution does not fit the law, or is missing in the scene too.
+        UnknownNameError: there is no such law.
+        OptionError: law is a `LawDistribution`.
+        RestitutionError: the restitution does not fit the law, or neither the argument nor the scene gives one.
     """
     if isinstance(law, LawDistribution):
         raise OptionError(
@@ -171,7 +179,7 @@ def choose_law(model: mujoco.MjModel, law: str | Law | Mapping[str, Any], restit
     try:
         return make_law(law, restitution)
     except UnknownNameError:
-        if isinstance(law, Mapping) or str(law).endswith(".json"):  # a name in it
+        if isinstance(law, Mapping) or str(law).endswith(".json"):  # the unknown name is inside the mapping or file
             raise
         raise UnknownNameError("law", law, (*LAWS, "scene")) from None
     except RestitutionError:
@@ -182,9 +190,9 @@ def choose_law(model: mujoco.MjModel, law: str | Law | Mapping[str, Any], restit
 
 
 def describe_law(law: Law) -> dict[str, str | float]:
-    """Return what ``info`` says of a law: its text, and its coefficient of restitution, where it has just one.
+    """Return the entries of ``info`` about a law: its text, and its coefficient of restitution if it has exactly one.
 
-    NaN in its place would make two equal episodes differ, for gymnasium's `check_env`, too.
+    Otherwise the coefficient is left out: NaN would make equal episodes differ, also for gymnasium's `check_env`.
     """
     e = law_restitution(law)
     text = law_name(law) or ""
@@ -193,10 +201,10 @@ def describe_law(law: Law) -> dict[str, str | float]:
 
 
 def portable_options(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return constructor arguments as `gymnasium.EnvSpec` can write them into JSON; what it cannot stays as it is."""
+    """Return constructor arguments in a form that `gymnasium.EnvSpec` can write to JSON, where there is one."""
     result = dict(options)
     for name in {"law", "restitution"} & result.keys():
-        with suppress(RestitutionError):  # json will say so
+        with suppress(RestitutionError):  # writing JSON will report it
             result[name] = portable(result[name])
     if isinstance(result.get("contacts"), tuple | set | frozenset):
         result["contacts"] = list(result["contacts"])

@@ -1,4 +1,4 @@
-"""Another law, or another restitution, in every episode."""
+"""Draw another law, or another restitution, for every episode."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _INSTEAD = "pass it to reset(options=...), for an episode, or put another Random
 
 
 def _inside(name: str) -> property:
-    """Return what the environment inside has; it cannot be set here, since the next reset would draw over it."""
+    """Return a read-only property of the wrapped environment: the next reset would overwrite an assigned value."""
 
     def get(self: RandomLaw) -> Any:
         return self.env.get_wrapper_attr(name)
@@ -31,27 +31,27 @@ def _inside(name: str) -> property:
 
 
 class RandomLaw(gymnasium.Wrapper, RecordConstructorArgs):
-    """Draws the law of each episode, at its reset, so that a policy meets many of them.
+    """A wrapper that draws a law at each reset, so that a policy experiences many laws.
 
-    ``RandomLaw(ImpactLaw(gymnasium.make("Hopper-v5"), "moreau", 0.5), laws=("moreau", "poisson"))``. It goes around an
-    `ImpactLaw`, or an environment of this package, perhaps with other wrappers in between, and resets it with
-    ``options={"law": .., "restitution": ..}``: ``info`` names what is in force.
+    ``RandomLaw(ImpactLaw(gymnasium.make("Hopper-v5"), "moreau", 0.5), laws=("moreau", "poisson"))``. It wraps an
+    `ImpactLaw` or an environment of this package, with or without other wrappers in between, and resets it with
+    ``options={"law": .., "restitution": ..}``. ``info`` names the law and restitution in force.
 
-    ``reset(seed=...)`` seeds what is drawn from then on, by a generator of its own: episodes start as they do without
-    this wrapper. Options that a reset is given come first: a "law" that is given has the restitution that is given with
-    it, or none; "restitution" goes with a law that is drawn among those that take one. What it draws from is settled
-    when it is made; setting that, or a law, is an error.
+    The wrapper draws from its own generator, which ``reset(seed=...)`` seeds, so that episodes start as they do without
+    the wrapper. Options given to a reset take precedence. A given "law" has the restitution given with it, or none; a
+    given "restitution" is combined with a law drawn among those that take one. The arguments are fixed at construction;
+    assigning to them, or to the law, is an error.
 
     Args:
         env: the environment.
-        laws: see `LawDistribution`, like the arguments below.
+        laws: laws to choose from; for this and the following arguments see `LawDistribution`.
         restitution: ``(low, high)``, a list to choose from, a frozen distribution of scipy.stats, or None.
         friction: options of rigid contact to choose from, or None.
 
     Raises:
         WrapperError: the environment has no impact law.
-        OptionError: there is nothing to choose from, or the distribution reaches beyond [0, 1].
-        UnknownNameError: no such law.
+        OptionError: a list to choose from is empty, or the distribution reaches beyond [0, 1].
+        UnknownNameError: there is no such law.
         RestitutionError: a law cannot have such a restitution.
     """
 
@@ -73,16 +73,16 @@ class RandomLaw(gymnasium.Wrapper, RecordConstructorArgs):
         self._seeds = EpisodeSeeds(LAWS)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Start an episode under a law that is drawn.
+        """Start an episode under a law drawn at random.
 
         Args:
-            seed: of the environment, and of what is drawn from now on.
-            options: as the environment takes them; they come before what is drawn.
+            seed: seed of the environment, and of the laws drawn from now on.
+            options: options of the environment; they take precedence over drawn ones.
 
         Raises:
-            WrapperError: the law inside was removed.
+            WrapperError: the law of the wrapped environment was removed.
             OptionError: the options are not a mapping.
-            ImpactLawError: as by the reset of the environment.
+            ImpactLawError: as raised by the reset of the environment.
         """
         if options is not None and not isinstance(options, Mapping):
             raise OptionError(f"options of a reset are a mapping, got {options!r}")

@@ -1,10 +1,10 @@
-"""Pictures of a scene, with a display or without one.
+"""Draw pictures of a scene, with or without a display.
 
-What draws: OpenGL through GLFW where there is a display, else through EGL or OSMesa (Debian packages libegl1 and
-libosmesa6; Mesa's software drivers will do). The environment variable MUJOCO_GL = glfw, egl or osmesa decides if it is
-set. MuJoCo itself reads it when it is first imported, which is too early here, so pictures are drawn by gymnasium's
-`MujocoRenderer`, which reads it when it draws first. Where it is not set and there is no display, `choose_backend`, on
-import of `impactlaw.envs`, sets it to the library that is there; processes started later inherit it.
+OpenGL is used through GLFW if there is a display, else through EGL or OSMesa (Debian packages libegl1 and libosmesa6;
+Mesa's software drivers suffice). The environment variable MUJOCO_GL = glfw, egl or osmesa takes precedence. MuJoCo
+reads it on its first import, which is too early here. Therefore gymnasium's `MujocoRenderer` draws the pictures, since
+it reads the variable when it first draws. If the variable is not set and there is no display, importing
+`impactlaw.envs` calls `choose_backend`, which sets it to an installed library; child processes inherit it.
 """
 
 from __future__ import annotations
@@ -31,24 +31,24 @@ _PACKAGES = "without a display install the Debian package libegl1 or libosmesa6"
 
 
 def has_display() -> bool:
-    """Whether there seems to be a display on which a window can open."""
+    """Return whether there seems to be a display on which a window can open."""
     return not sys.platform.startswith("linux") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def choose_backend() -> None:
-    """Set MUJOCO_GL to an OpenGL library that needs no display, if it is not set and there is none."""
+    """Set MUJOCO_GL to an OpenGL library that needs no display, if it is not set and there is no display."""
     if "MUJOCO_GL" not in os.environ and not has_display():
         _go_headless()
 
 
 class Pictures:
-    """Draws a simulation as the scene's camera ``main`` sees it.
+    """A renderer of a simulation from the scene's camera ``main``.
 
     Args:
         model: the scene; its shadows are switched off, which makes software drivers six times faster.
         data: the state to draw.
-        width: of the pictures, pixels.
-        height: of the pictures, pixels.
+        width: width of the pictures, pixels.
+        height: height of the pictures, pixels.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, width: int, height: int):
@@ -56,21 +56,21 @@ class Pictures:
         self._renderer: MujocoRenderer | None = None
 
     def draw(self, mode: str) -> np.ndarray | None:
-        """Return the picture, uint8 (height, width, 3), for "rgb_array"; show it in a window for "human".
+        """Return a picture, uint8 (height, width, 3), for "rgb_array"; show it in a window for "human".
 
         Raises:
             RenderError: there is no OpenGL library, or no display.
         """
         if self._renderer is None:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # GLFW says again, several times, what the error says
+                warnings.simplefilter("ignore")  # GLFW repeats the error as warnings, several times
                 self._renderer = self._open(mode)
         make_current(self._renderer)
         picture = self._renderer.render(mode)
         return picture if isinstance(picture, np.ndarray) else None
 
     def close(self) -> None:
-        """Close the window, if there is one, and free what the drawing needs."""
+        """Close the window, if there is one, and free the renderer."""
         if self._renderer is not None:
             free_contexts(self._renderer)
             self._renderer.close()
@@ -89,23 +89,24 @@ class Pictures:
             renderer.render(mode)
         except (mujoco.FatalError, RuntimeError) as error:
             raise RenderError(_cannot_draw(error)) from None
-        atexit.register(_close, weakref.ref(self))  # before OpenGL itself ends, which was registered earlier
+        atexit.register(_close, weakref.ref(self))  # runs before OpenGL's own exit function, registered earlier
         return renderer
 
 
 def make_current(renderer: MujocoRenderer) -> None:
-    """Let what is drawn next be drawn with this renderer's own OpenGL context: the last one made is current else.
+    """Make this renderer's own OpenGL context current.
 
-    Closing that one would leave none, and black pictures of all others.
+    Otherwise the context made last is current; once it is closed no context is left, and other pictures are black.
     """
     if renderer.viewer is not None:
         renderer.viewer.make_context_current()
 
 
 def free_contexts(renderer: MujocoRenderer) -> None:
-    """Free what a renderer has in its own OpenGL contexts, which must be current for that.
+    """Free the resources of a renderer in its own OpenGL contexts, making each current in turn.
 
-    Else the same numbers would be freed later in whichever context is current then: textures of other pictures.
+    Otherwise their identifiers would be freed later in whichever context is current then, where they may belong to the
+    textures of other pictures.
     """
     for viewer in renderer._viewers.values():
         if viewer is not None:
@@ -114,7 +115,7 @@ def free_contexts(renderer: MujocoRenderer) -> None:
 
 
 def _require_opengl(mode: str) -> None:
-    """Raise RenderError here where gymnasium's viewers would end the process or leave half of themselves behind."""
+    """Raise RenderError if gymnasium's viewers would end the process or be left half constructed."""
     backend = os.environ.get("MUJOCO_GL", "").lower()
     if mode == "human" or not backend:
         import glfw
@@ -128,7 +129,7 @@ def _require_opengl(mode: str) -> None:
             raise RenderError(f"nothing to draw with: no display, no EGL and no OSMesa; {_PACKAGES}")
     try:
         importlib.import_module(f"mujoco.{backend}").GLContext(1, 1).free()
-    except Exception as error:  # whatever PyOpenGL stumbles over
+    except Exception as error:  # PyOpenGL raises errors of many kinds
         raise RenderError(_cannot_draw(error)) from None
 
 

@@ -1,4 +1,4 @@
-"""An impact law for environments of others: gymnasium's MuJoCo ones, gymnasium-robotics' and dm_control's."""
+"""Put an impact law into existing environments: gymnasium's MuJoCo ones, gymnasium-robotics' and dm_control's."""
 
 from __future__ import annotations
 
@@ -27,67 +27,71 @@ _RESET = "pass it to reset(options=...), for an episode, or put another ImpactLa
 
 
 class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
-    """Puts an impact law into an environment that steps MuJoCo, in one line and without a fork of it.
+    """A wrapper that puts an impact law into an environment that steps MuJoCo, in one line and without a fork of it.
 
     ``ImpactLaw(gymnasium.make("Hopper-v5"), law="moreau", restitution=0.5)``. It covers gymnasium's MuJoCo environments
-    (v4, v5 and what derives from `MujocoEnv`), the robots of gymnasium-robotics, and dm_control's suite and composer
-    tasks through shimmy (bare ones: `put_law`). Observations, rewards and spaces stay the environment's; steps in which
-    nothing collides stay bit for bit what they were, unless contacts are tuned to bounce by themselves, or bodies touch
-    where joints are damped by more than their inertia in a timestep. What a reset simulates is under the law too where
-    the environment simulates it in the same way as its steps.
+    (v4, v5 and subclasses of `MujocoEnv`), the robots of gymnasium-robotics, and dm_control's suite and composer tasks
+    through shimmy (for bare ones use `put_law`). Observations, rewards and spaces remain those of the environment.
+    Steps without a collision remain bit for bit what they were, unless contacts are tuned to bounce by themselves, or
+    bodies touch while joints are damped by more than their inertia in a timestep. The law also applies to timesteps
+    simulated by a reset, if the environment simulates them in the same way as its steps.
 
-    ``info`` holds the entries of `impact_info`, summed over the timesteps of an environment step, zeros at a reset, and
-    names the law and the restitution in force; `events` holds the collisions themselves. The wrapper may be anywhere
-    among others, survives copies, pickling and ``gymnasium.make(env.spec)``, and follows an environment that compiles a
-    new model.
+    ``info`` holds the entries of `impact_info`, summed over the timesteps of an environment step and zero at a reset,
+    and names the law and the restitution in force; `events` holds the collisions themselves. The wrapper may be
+    anywhere in a stack of wrappers, survives copies, pickling and ``gymnasium.make(env.spec)``, and follows an
+    environment that compiles a new model.
 
-    ``reset(options=...)`` takes "law", "restitution", "friction" and "scheme" for the episode that begins; the next
-    reset without them has those of the wrapper again. Other options are handed on to an environment that has some. A
-    law, or a restitution, that is set on the wrapper (``env.law = ...``, ``vec.set_attr("law", ...)``) takes effect
-    with the next step and stays; the other arguments are settled when it is made, and setting them is an error.
+    ``reset(options=...)`` takes "law", "restitution", "friction" and "scheme" for one episode; the next reset without
+    them returns to those of the wrapper. Other options are passed on to the environment. A law or restitution assigned
+    to the wrapper (``env.law = ...``, ``vec.set_attr("law", ...)``) takes effect with the next step and is permanent.
+    All other arguments are fixed at construction, and assigning to them is an error.
 
-    ``cfrc_ext``, which Ant and Humanoid observe and are charged for, is what MuJoCo's contacts do within the last
-    timestep of a step: the impulses of the law, which act in no time, are not in it (they are in `events`), so that a
-    hard landing costs less than without the law, unless ``impulse_in_cfrc_ext`` puts them there.
+    ``cfrc_ext``, which Ant and Humanoid observe and pay a contact cost for, holds the forces of MuJoCo's contacts in
+    the last timestep of a step. The impulses of the law act instantaneously and are not part of it (they are in
+    `events`). A hard landing therefore costs less than without the law, unless ``impulse_in_cfrc_ext`` adds them.
 
-    If the simulation leaves the finite numbers, where MuJoCo would silently go on from its initial state, the episode
-    is truncated, not terminated, since no state of the task was reached: the observation is the last one before, the
-    reward is 0, and ``info["impact/diverged"]`` is 1. An action that is not finite does the same, where MuJoCo would
-    silently go on without any control.
+    If the simulation diverges, MuJoCo would silently continue from its initial state. Here the episode is truncated,
+    not terminated, since no state of the task was reached: the observation is the last one before, the reward is 0, and
+    ``info["impact/diverged"]`` is 1. The same happens after an action that is not finite, where MuJoCo would silently
+    continue with zero controls.
 
-    Pictures are drawn in the environment's own OpenGL context, whichever was current, and freed in it. Environments of
-    gymnasium that have no wrapper do neither: where one of them closes, pictures of others can turn black.
+    Pictures are drawn and freed in the environment's own OpenGL context, whichever context was current. Unwrapped
+    gymnasium environments do neither: when one of them closes, the pictures of others can turn black.
 
     Args:
         env: the environment, wrapped or not.
-        law: name of a law (`impactlaw.make_law`), "scene" for what the MJCF itself carries, or a `Law`.
-        restitution: what the law takes.
-        contact_model: "soft" keeps MuJoCo's contacts and friction between collisions; with "rigid" contact is the
-            law's, with exact Coulomb friction, and what overlaps after a reset is opened.
-        scheme: of rigid contact: "time-stepping", if not given, or "event-driven"; see `Stepper`.
-        friction: of rigid contact and of soft collisions: "coulomb", if not given, "convex" or "ignore"; see `Stepper`.
+        law: name of a law (`impactlaw.make_law`), "scene" for the restitution that the MJCF itself carries, or a `Law`.
+        restitution: argument of the law.
+        contact_model: "soft" keeps MuJoCo's contacts and friction between collisions. With "rigid", the law governs all
+            contact, with exact Coulomb friction, and overlaps after a reset are pushed open.
+        scheme: scheme of rigid contact: "time-stepping", the default, or "event-driven"; see `Stepper`.
+        friction: friction of rigid contact and of soft collisions: "coulomb", the default, "convex" or "ignore"; see
+            `Stepper`.
         rest_speed: closing speed, m/s, above which a contact collides; see `Stepper`.
-        on_inadmissible: what to do with an outcome of the law outside of S(v-): "raise", "project" it onto S(v-), or
-            "allow" it; ``info["impact/inadmissible"]`` counts them.
-        contacts: which contacts between geoms the law is for: a pattern such as "*foot*" or "*foot*/floor", or several;
-            all if not given. Others stay MuJoCo's, or have E = 0 where contact is rigid; see `Stepper`.
-        limits: whether limits of joints and tendons obey the law, too; if not, they are as contacts left out.
-        impulse_in_cfrc_ext: whether ``cfrc_ext`` has the impulses of the law in it, as their mean force over the
-            environment step, all its timesteps, on top of what MuJoCo says of the last one. With rigid time stepping
-            it is the mean over the timesteps of all that contact does.
-        log: file to record every timestep to, from the first reset on until `close`, such as ``run.rrd``, or
-            ``run-{env}-{episode}.rrd`` for one per environment and episode (`EpisodeLog`). A file that is there is
-            never written over: that is an error, but where ``{env}`` takes the next number. A model that the
-            environment compiles later goes to ``name-2.rrd`` and so on. A copy of the wrapper does not record.
-        log_every: record every so many episodes, from the first one on.
+        on_inadmissible: what to do with an outcome of the law outside S(v-): "raise", "project" it onto S(v-), or
+            "allow" it; ``info["impact/inadmissible"]`` counts such outcomes.
+        contacts: contacts between geoms to which the law applies: a pattern such as "*foot*" or "*foot*/floor", or
+            several patterns; all contacts if not given. The others remain MuJoCo's, or have E = 0 if contact is rigid;
+            see `Stepper`.
+        limits: whether the law also applies to limits of joints and tendons; if not, they are treated like contacts
+            that no pattern matches.
+        impulse_in_cfrc_ext: whether to add the impulses of the law to ``cfrc_ext``, as their mean force over all
+            timesteps of the environment step, on top of MuJoCo's forces in the last timestep. With rigid time stepping,
+            ``cfrc_ext`` is then the mean of all contact forces over the timesteps.
+        log: file in which to record every timestep, from the first reset until `close`, such as ``run.rrd``, or
+            ``run-{env}-{episode}.rrd`` for one file per environment and episode (`EpisodeLog`). Existing files are
+            never overwritten: ``{env}`` takes the next free number, and without it an existing file is an error. A
+            model that the environment compiles later is recorded in ``name-2.rrd`` and so on. A copy of the wrapper
+            does not record.
+        log_every: record every log_every-th episode, starting with the first.
 
     Raises:
         WrapperError: the environment does not step MuJoCo in a known way, or has a law already.
-        UnknownNameError: no such law or option, or the law is for contacts that the scene cannot have.
+        UnknownNameError: there is no such law or option, or the law is keyed by contacts that the scene cannot have.
         RestitutionError: the restitution does not fit the law.
-        SceneError: the scene has a flex or delays, and contact_model is "rigid"; or an option means nothing there.
-        OptionError: rest_speed is not a speed, log_every not a count, or log has fields that there are not.
-        RecordingError: there is such a recording already.
+        SceneError: the scene has a flex or delays and contact_model is "rigid"; or an option has no meaning there.
+        OptionError: rest_speed is not a speed, log_every is not a positive integer, or log has unknown fields.
+        RecordingError: the recording exists already.
     """
 
     contact_model, scheme, friction = Settled(_ANEW), Settled(_RESET), Settled(_RESET)
@@ -134,12 +138,12 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
 
     @property
     def law(self) -> Law | None:
-        """The law in force, or None once it was removed; set it, and it is in force from the next step on.
+        """The law in force, or None after `remove`; a law assigned to it is in force from the next step on.
 
         Raises:
-            UnknownNameError: as the constructor, and the law stays what it was.
-            RestitutionError: as the constructor, and the law stays what it was.
-            WrapperError: it was removed.
+            UnknownNameError: as in the constructor; the law does not change.
+            RestitutionError: as in the constructor; the law does not change.
+            WrapperError: the law was removed.
         """
         return None if self._placed is None else self._placed.law
 
@@ -149,7 +153,7 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
 
     @property
     def restitution(self) -> Any:
-        """The restitution as it was given, None for the scene's own; set it, and the law by its name has that."""
+        """The restitution as given, None for the scene's own; assigning to it changes that of a law given by name."""
         return None if self._placed is None else self._placed.restitution
 
     @restitution.setter
@@ -158,25 +162,25 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
 
     @property
     def events(self) -> tuple[ImpactEvent, ...]:
-        """The collisions of the last step, all its timesteps, in order."""
+        """The collisions in all timesteps of the last step, in order."""
         return () if self._placed is None else self._placed.events
 
     @property
     def stepper(self) -> Stepper | None:
-        """What steps the episode, with its plan and its options; None after `remove`."""
+        """The stepper of this episode, with its plan and options; None after `remove`."""
         return None if self._placed is None else self._placed.stepper
 
     @property
     def placed(self) -> PlacedLaw:
-        """The law in its place in the environment, as `put_law` returns it.
+        """The handle on the law in the environment, as `put_law` returns it.
 
         Raises:
-            WrapperError: it was removed.
+            WrapperError: the law was removed.
         """
         return self._present()
 
     def remove(self) -> gymnasium.Env:
-        """Take the law off again and return the environment inside, which steps as it did before."""
+        """Remove the law and return the wrapped environment, which steps as it did before."""
         if self._placed is not None:
             self._placed.remove()
             self._placed = None
@@ -186,15 +190,15 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         """Start an episode.
 
         Args:
-            seed: of the environment.
-            options: "law", "restitution", "friction", "scheme", for this episode only, each as the constructor's;
-                others are the environment's.
+            seed: seed of the environment.
+            options: "law", "restitution", "friction" and "scheme" for this episode only, each as in the constructor;
+                other options are passed on to the environment.
 
         Raises:
             UnknownNameError: neither the wrapper nor the environment has such an option.
             OptionError: the options are not a mapping.
             RestitutionError: the restitution does not fit the law.
-            SceneError: the option means nothing to the contact model.
+            SceneError: an option has no meaning for the contact model.
             WrapperError: the law was removed, and the options ask for one.
         """
         placed = self._placed
@@ -207,7 +211,7 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         with placed.seeds.begun(seed):
             placed.prepare_reset(options)
             drawn = self.env.unwrapped.np_random if seed is None else None
-            generator = drawn.bit_generator.state if isinstance(drawn, np.random.Generator) else None  # only numpy's
+            generator = drawn.bit_generator.state if isinstance(drawn, np.random.Generator) else None  # numpy only
             others = {name: value for name, value in (options or {}).items() if name not in RESET}
             self._observation, info = self.env.reset(seed=seed, options=others if options and others else None)
         placed.clear()
@@ -215,11 +219,11 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         return self._observation, info | placed.info()
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Step the environment under the law; without a law, as the environment does.
+        """Step the environment under the law, or as before if the law was removed.
 
         Raises:
-            ImpactLawError: as by `Stepper.step`, but for `DivergenceError`, which ends the episode.
-            WrapperError: the environment does not step MuJoCo in a known way, which shows only now.
+            ImpactLawError: as raised by `Stepper.step`, except `DivergenceError`, which ends the episode.
+            WrapperError: the environment turns out not to step MuJoCo in a known way.
         """
         placed = self._placed
         if placed is None:
@@ -242,7 +246,7 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         return observation, reward, terminated, truncated, info | placed.info()
 
     def render(self) -> Any:
-        """Return what the environment draws, in its own OpenGL context."""
+        """Return the environment's picture, drawn in its own OpenGL context."""
         renderer = getattr(self.env.unwrapped, "mujoco_renderer", None)
         if renderer is not None:
             make_current(renderer)
@@ -258,7 +262,7 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         super().close()
 
     def _cut_off(self, placed: PlacedLaw, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Return what a step does that has left the finite numbers: the episode ends where it was."""
+        """Return the result of a step that diverged: the last observation, reward 0, and a truncated episode."""
         placed.record_step(action, 0.0, False, True)
         return self._observation, 0.0, False, True, placed.info()
 
@@ -268,18 +272,18 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         return self._placed
 
     def __copy__(self) -> ImpactLaw:
-        """Return another wrapper around the same environment, under the same law in its place."""
+        """Return another wrapper around the same environment, which shares the law in it."""
         twin = object.__new__(type(self))
         twin.__dict__.update(self.__dict__)
         return twin
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out what the environment inside is stepped by: most of them are copied without it."""
+        """Replace the placed law by its options and seeds, since copies of most environments do not include it."""
         placed = None if self._placed is None else (*self._placed.options, self._placed.seeds)
         return self.__dict__ | {"_placed": placed}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Put the law into the copy."""
+        """Put the law into the copied environment."""
         self.__dict__.update(state)
         if state["_placed"] is not None:
             standing, in_force, seeds = state["_placed"]
@@ -289,6 +293,6 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
 
 
 def _is_bad(action: Any) -> bool:
-    """Return whether an action holds numbers that are not finite."""
+    """Return whether an action contains a number that is not finite."""
     values = np.asarray(action)
     return values.dtype.kind == "f" and not math.isfinite(np.vdot(values, values)) and not np.isfinite(values).all()

@@ -1,1 +1,1 @@
-"""Recordings of environments: which episodes, how their environment was made, and going through one again."""
+"""Record episodes of environments and how these were made, and replay them."""

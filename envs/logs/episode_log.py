@@ -1,4 +1,4 @@
-"""Recordings of an environment: which episodes, and in which files."""
+"""Record the episodes of an environment: which ones, and in which files."""
 
 from __future__ import annotations
 
@@ -23,15 +23,16 @@ _FIELDS = {"env", "episode"}
 
 
 class EpisodeLog:
-    """Records every so many episodes of an environment, and never over a file that is there.
+    """A recorder of every n-th episode of an environment, which never overwrites a file.
 
-    ``run.rrd`` holds all of them. In ``run-{env}-{episode}.rrd``, where either part may be left out, ``{episode}`` is
-    the number of the episode, which then has a file of its own, and ``{env}`` that of the environment: the first one
-    from 0 on whose file is not there yet, so that each of several environments, and each later run, has its own. A file
-    is made when its first episode begins. A model that the environment compiles later goes on in ``run-2.rrd``.
+    ``run.rrd`` holds all recorded episodes. The path may have the fields ``{env}`` and ``{episode}``, such as
+    ``run-{env}-{episode}.rrd``. With ``{episode}``, the number of the episode, each episode has its own file. ``{env}``
+    is the number of the environment: the first one, counted from 0, whose file does not exist yet. Thus each of several
+    environments, and each later run, has its own files. A file is created when its first episode begins. If the
+    environment compiles another model later, recording continues in ``run-2.rrd``.
 
     Args:
-        path: of the file, with these fields in it.
+        path: path of the file, with or without these fields.
         every: record the episodes 0, ``every``, 2 ``every`` and so on.
 
     Attributes:
@@ -39,8 +40,8 @@ class EpisodeLog:
         every: as given.
 
     Raises:
-        OptionError: it is no path, or has other fields, or ``every`` is not a whole number of 1 or more.
-        RecordingError: there is no such folder; or the path has no fields, and there is such a file.
+        OptionError: path is not a path, or has other fields, or ``every`` is not a positive integer.
+        RecordingError: the folder does not exist; or the path has no fields, and the file exists.
     """
 
     def __init__(self, path: str | Path, *, every: int = 1):
@@ -65,11 +66,11 @@ class EpisodeLog:
             raise self._exists(first)
 
     def pause(self) -> None:
-        """Record nothing until the next episode begins: a reset is on its way."""
+        """Stop recording until the next episode begins, during a reset."""
         self._on, self._told = False, True
 
     def name_run(self, scene: str | None, seed: int | None, timesteps: int | None) -> None:
-        """Tell what files that begin from now on say of the run: its environment, its seed, timesteps of a step."""
+        """Set the metadata of files opened from now on: environment, seed, and timesteps per environment step."""
         self._scene, self._seed, self._timesteps = scene, seed, timesteps
 
     def begin(
@@ -81,14 +82,14 @@ class EpisodeLog:
         seed: int | None = None,
         generator: Any = None,
     ) -> None:
-        """Begin an episode, whose start is in data.
+        """Begin an episode, and record its initial state.
 
         Args:
-            stepper: by which it is stepped.
-            data: the state at its start.
-            options: by which that was made.
-            seed: that it was reset with.
-            generator: state of the random generator that it was drawn with.
+            stepper: the stepper of the episode.
+            data: the initial state.
+            options: the options from which the stepper was made.
+            seed: seed of the reset.
+            generator: state of the random generator from which the episode was drawn.
         """
         self._episode += 1
         self._on = self._episode % self.every == 0
@@ -103,7 +104,10 @@ class EpisodeLog:
         recorder.step(data)
 
     def watch(self, stepper: Stepper, data: mujoco.MjData, options: LawOptions) -> None:
-        """Look at the state before a timestep: where nobody tells of resets, time that goes back is one."""
+        """Before a timestep, begin an episode if it is the first one or time went backwards.
+
+        Resets that `pause` reports begin episodes by themselves.
+        """
         if not self._told and (data.time < self._time or not np.isfinite(self._time)):
             self.begin(stepper, data, options)
 
@@ -116,23 +120,23 @@ class EpisodeLog:
         if stepper.law is not self._law:
             before, after = as_plain(self._law), as_plain(stepper.law)
             self._law = stepper.law
-            if after is None or after != before:  # not the same one made anew
+            if after is None or after != before:  # else it is an equal law, made again
                 recorder.change_law(stepper.law, after)
         recorder.step(data, events)
 
     def end_step(self, action: Any, reward: Any, terminated: bool, truncated: bool) -> None:
-        """Record an environment step, which the last timestep has ended."""
+        """Record the end of an environment step, after its last timestep."""
         if self._on and self._recorder is not None:
             self._recorder.end_step(action, reward, terminated=terminated, truncated=truncated)
 
     def finish(self) -> None:
-        """End the file of now."""
+        """Close the current file."""
         if self._recorder is not None:
             self._recorder.close()
             self._recorder = None
 
     def _open(self, stepper: Stepper) -> Recorder:
-        """Begin a file, unless the one of now is of the same model."""
+        """Return the recorder of the current file; open a new file if there is none or the model has changed."""
         if self._recorder is not None and stepper.model is self._model:
             return self._recorder
         self.finish()
@@ -146,7 +150,7 @@ class EpisodeLog:
         return self._recorder
 
     def _claim(self) -> Path:
-        """Return the path of a file that was not there; it is now, so that nobody else takes it."""
+        """Create a new, empty file and return its path; as it exists now, no other process can claim it."""
         if "env" in self._fields and self._env is None:
             self._env = next(number for number in count() if _made(self._named(number)))
             self._last = self._named(self._env)
@@ -172,11 +176,11 @@ class EpisodeLog:
 
 
 def episode_log(path: str | Path | None, every: int) -> EpisodeLog | None:
-    """Return the log of an environment; None if it has none.
+    """Return the log of an environment; None if path is None.
 
     Raises:
-        OptionError: the path has other fields, or ``every`` is not a whole number of 1 or more, or means nothing.
-        RecordingError: there is no such folder; or the path has no fields, and there is such a file.
+        OptionError: the path has other fields; ``every`` is not a positive integer; or it is given without a path.
+        RecordingError: the folder does not exist; or the path has no fields, and the file exists.
     """
     check_count("log_every", every)
     if path is None and every != 1:
@@ -199,7 +203,7 @@ def _fields(path: str) -> set[str]:
 
 
 def _made(path: Path) -> bool:
-    """Make an empty file; return whether there was none."""
+    """Create an empty file if there is none; return whether it was created."""
     try:
         path.open("x").close()
     except FileExistsError:

@@ -1,4 +1,4 @@
-"""How an environment that is recorded was made: what a replay needs to be the same."""
+"""Describe how a recorded environment was made: the properties that a replay must share."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _PARAMETERS = (
     "jnt_range", "jnt_stiffness", "dof_damping", "dof_armature", "dof_frictionloss", "actuator_gear",
     "actuator_gainprm", "actuator_biasprm", "numeric_data",
 )  # fmt: skip
-"""Fields of a model that environments are made, or randomized, with."""
+"""Fields of a model that environments set or randomize."""
 _SURROUNDINGS = (
     "geom_solimp", "geom_margin", "geom_condim", "jnt_solref", "jnt_solimp", "dof_solref", "dof_solimp",
     "pair_friction", "pair_solref", "pair_solimp", "eq_data", "eq_solref", "eq_solimp", "geom_surfacevel", "geom_fluid",
@@ -29,20 +29,23 @@ _REST = (
     "actuator_damping", "actuator_armature", "tendon_range", "tendon_stiffness", "tendon_damping",
     "tendon_frictionloss", "tendon_armature", "tendon_lengthspring", "tendon_limited", "eq_active0",
 )  # fmt: skip
-"""Further fields, as for `_SURROUNDINGS`."""
+"""Further fields, with a digest of their own for the same reason as `_SURROUNDINGS`."""
 _OPTIONS = (
     "wind", "density", "viscosity", "magnetic", "cone", "impratio", "disableflags", "solver", "iterations", "tolerance",
 )  # fmt: skip
-"""What contact, air and ground are like; a text of its own, which recordings of older versions have not."""
+"""Options that, with `_SURROUNDINGS`, describe contact, air and ground.
+
+They have a digest of their own, since recordings of older versions lack it.
+"""
 
 
 def how_made(options: LawOptions, model: mujoco.MjModel, timesteps: int | None) -> dict[str, Any]:
-    """Return how an environment steps, as plain values.
+    """Return a description of how an environment steps, as plain values.
 
     Args:
-        options: in force.
-        model: that is stepped.
-        timesteps: per environment step; None if that is not known.
+        options: options in force.
+        model: the model that is stepped.
+        timesteps: timesteps per environment step; None if unknown.
     """
     rigid, contacts, speed = options.contact_model == "rigid", options.contacts, options.rest_speed
     return {
@@ -65,7 +68,7 @@ def how_made(options: LawOptions, model: mujoco.MjModel, timesteps: int | None) 
 
 
 def _digest(model: mujoco.MjModel, fields: tuple[str, ...], options: tuple[str, ...]) -> str:
-    """Return a short text that differs where one of these fields or options does, beyond rounding."""
+    """Return a short hash of fields and options of a model, rounded to single precision."""
     parts = [np.ravel(getattr(model, name)) for name in fields]
     parts += [np.ravel(getattr(model.opt, name)) for name in options]
     return hashlib.sha256(np.concatenate(parts).astype(np.float32).tobytes()).hexdigest()[:12]

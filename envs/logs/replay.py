@@ -1,4 +1,4 @@
-"""Back to the start of an episode that was recorded."""
+"""Restart an environment at the beginning of a recorded episode."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ from impactlaw.recording.properties import law_name
 
 
 def restart(env: gymnasium.Env, episode: Episode, *, allow_law_changes: bool = False) -> tuple[Any, dict[str, Any]]:
-    """Reset an environment to the start of a recorded episode, as `reset` does, under the law that it began with.
+    """Reset an environment to the start of a recorded episode, under the law that the episode began with.
 
-    ``for action in episode.actions: env.step(action)`` then leads through the same states again, to the last bit.
+    ``for action in episode.actions: env.step(action)`` then passes through the same states, to the last bit. Returns
+    observation and info, as `reset` does.
 
-    An environment that was made otherwise than the recorded one, as far as the recording tells, is refused: its name,
-    options of the law, timesteps and integrator, where it starts, and of its model masses, sizes, friction, joints,
-    actuators, tendons, gravity, contact parameters, wind, density, viscosity, height fields and what is disabled
-    (meshes and sites, say, are not compared). So is an episode in which the law was set, since its actions alone do
-    not lead through its states.
+    The environment must have been made like the recorded one. Compared are its name, the options of the law, timestep,
+    frame_skip, integrator, the initial state, and in the model: masses, sizes, friction, joints, actuators, tendons,
+    gravity, contact parameters, wind, density, viscosity, height fields and disable flags. Others, such as meshes and
+    sites, are not. An episode in which the law was set is refused, since its actions alone do not reproduce it.
 
     Args:
-        env: the environment, one of this package or with an `ImpactLaw` on it.
-        episode: from ``impactlaw.recording.read_log(path).episode(number)``.
-        allow_law_changes: whether to go on where the law was set during the episode: whoever steps then sets the law
-            to the `value` of each of ``episode.law_changes`` before its `step`.
+        env: an environment of this package, or one with an `ImpactLaw` around it.
+        episode: an episode from ``impactlaw.recording.read_log(path).episode(number)``.
+        allow_law_changes: accept an episode in which the law was set. The caller must then set the law to the `value`
+            of each of ``episode.law_changes`` before its `step`.
 
     Raises:
-        RecordingError: it is no episode, or the recording does not say what the episode was drawn from, or is of an
-            environment that was made otherwise, or the law was set during the episode.
+        RecordingError: episode is not an `Episode`; the recording has neither a seed nor a generator state; the
+            environment differs from the recorded one; or the law was set during the episode.
         WrapperError: the environment has no impact law.
     """
     if not isinstance(episode, Episode):
@@ -66,7 +66,7 @@ def restart(env: gymnasium.Env, episode: Episode, *, allow_law_changes: bool = F
 
 
 def _check_same(env: gymnasium.Env, holder: ImpactLaw | ImpactEnv, episode: Episode) -> None:
-    """Refuse another name, scene or contact model, which a reset would not tell so well."""
+    """Raise if name, scene or contact model differ: a later check would report it less clearly."""
     spec = env.unwrapped.spec
     if holder.stepper is not None and episode.qpos.size:
         model = holder.stepper.model
@@ -80,7 +80,7 @@ def _check_same(env: gymnasium.Env, holder: ImpactLaw | ImpactEnv, episode: Epis
 
 
 def _check_made(holder: ImpactLaw | ImpactEnv, episode: Episode) -> None:
-    """Refuse an environment that steps otherwise than the recorded one."""
+    """Raise if the environment steps differently from the recorded one."""
     inside = holder if isinstance(holder, ImpactEnv) else holder.placed
     mine = how_made(inside.in_force, _simulation(holder)[0], inside.frame_skip)
     other = [name for name, value in episode.made.items() if name in mine and value != mine[name]]
@@ -90,16 +90,17 @@ def _check_made(holder: ImpactLaw | ImpactEnv, episode: Episode) -> None:
 
 
 def _check_law(holder: ImpactLaw | ImpactEnv, episode: Episode) -> None:
-    """Refuse another law, where the recorded one could not be written down so that a reset takes it."""
+    """Raise if the law differs, for recorded laws that could not be written as reset options."""
     law, recorded = law_name(holder.law) or "", episode.law
     if not episode.settings and recorded is not None:
-        mine, theirs = (re.sub(r" at 0x[0-9a-fA-F]+", "", text) for text in (law, recorded))  # of functions
+        # drop the addresses of functions
+        mine, theirs = (re.sub(r" at 0x[0-9a-fA-F]+", "", text) for text in (law, recorded))
         if mine != theirs:
             raise _other(episode, f"law {recorded:.200}", f"one with {law:.200}")
 
 
 def _check_start(holder: ImpactLaw | ImpactEnv, episode: Episode) -> None:
-    """Refuse an environment that starts elsewhere."""
+    """Raise if the environment starts in another state than the recorded one."""
     data = _simulation(holder)[1]
     for name, mine, recorded in (("qpos", data.qpos, episode.qpos), ("qvel", data.qvel, episode.qvel)):
         if not len(recorded) or np.array_equal(mine, recorded[0], equal_nan=True):

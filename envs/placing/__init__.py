@@ -1,1 +1,1 @@
-"""A law in the place where somebody else's environment steps MuJoCo."""
+"""Put a law into existing environments, in place of the method that steps MuJoCo."""

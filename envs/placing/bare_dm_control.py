@@ -1,4 +1,4 @@
-"""An impact law for bare environments of dm_control, suite and composer."""
+"""Put an impact law into bare environments of dm_control, suite and composer."""
 
 from __future__ import annotations
 
@@ -36,35 +36,35 @@ def put_law(
 ) -> PlacedLaw:
     """Put an impact law into a bare dm_control environment, suite or composer, and return a handle on it.
 
-    ``placed = put_law(suite.load("hopper", "hop"), "moreau", 0.5)``. The environment itself is changed; the handle has
-    the collisions of the last environment step (``events``), the numbers of `ImpactLaw`'s info (``info()``), and
-    takes the law off again (``remove()``) or ends the recording (``close()``). If the simulation leaves the finite
-    numbers, dm_control raises its `PhysicsError`, as without the law. A copy of the environment, or of its
-    physics, has the law as well, but does not record: `placed_law` returns its handle.
+    ``placed = put_law(suite.load("hopper", "hop"), "moreau", 0.5)``. The environment itself is changed. The handle
+    holds the collisions of the last environment step (``events``) and the numbers of `ImpactLaw`'s info (``info()``);
+    it can remove the law (``remove()``) and end the recording (``close()``). If the simulation diverges, dm_control
+    raises its `PhysicsError`, as without the law. A copy of the environment, or of its physics, has the law too, but
+    does not record; `placed_law` returns its handle.
 
     Args:
         env: the environment.
-        law: as for `ImpactLaw`, like the arguments below.
-        restitution: what the law takes.
+        law: the law; for this and the following arguments see `ImpactLaw`.
+        restitution: argument of the law.
         contact_model: "soft" or "rigid".
-        scheme: of rigid contact: "time-stepping", if not given, or "event-driven".
-        friction: of rigid contact and of soft collisions: "coulomb", if not given, "convex" or "ignore".
+        scheme: scheme of rigid contact: "time-stepping", the default, or "event-driven".
+        friction: friction of rigid contact and of soft collisions: "coulomb", the default, "convex" or "ignore".
         rest_speed: closing speed, m/s, above which a contact collides.
         on_inadmissible: "raise", "project" or "allow".
-        contacts: which contacts between geoms the law is for; all if not given.
-        limits: whether limits of joints and tendons obey the law, too.
-        impulse_in_cfrc_ext: whether ``cfrc_ext`` after a step has the impulses of the law in it.
-        log: file to record every timestep to, with episodes, and with actions and rewards of what this environment
-            steps, or a wrapper that steps it.
-        log_every: record every so many episodes.
+        contacts: contacts between geoms to which the law applies; all if not given.
+        limits: whether the law also applies to limits of joints and tendons.
+        impulse_in_cfrc_ext: whether to add the impulses of the law to ``cfrc_ext`` after a step.
+        log: file in which to record every timestep, with episodes, and with the actions and rewards of steps taken
+            through this environment or through a wrapper that steps it.
+        log_every: record every log_every-th episode.
 
     Raises:
         WrapperError: the environment is not one of dm_control, or has a law already.
-        UnknownNameError: no such law or option, or the law is for contacts that the scene cannot have.
+        UnknownNameError: there is no such law or option, or the law is keyed by contacts that the scene cannot have.
         RestitutionError: the restitution does not fit the law.
-        SceneError: the scene has a flex or delays, and contact_model is "rigid"; or an option means nothing there.
-        OptionError: rest_speed is not a speed, log_every not a count, or log has fields that there are not.
-        RecordingError: there is such a recording already.
+        SceneError: the scene has a flex or delays and contact_model is "rigid"; or an option has no meaning there.
+        OptionError: rest_speed is not a speed, log_every is not a positive integer, or log has unknown fields.
+        RecordingError: the recording exists already.
     """
     if isinstance(env, gymnasium.Env) or not hasattr(env, "physics"):
         hint = "use impactlaw.envs.ImpactLaw" if isinstance(env, gymnasium.Env) else "it has no physics"

@@ -1,4 +1,4 @@
-"""The forces of contact on bodies over an environment step, as MuJoCo's ``cfrc_ext`` has them."""
+"""The forces of contact on bodies over an environment step, in the convention of MuJoCo's ``cfrc_ext``."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from impactlaw.stepping.impact_event import ImpactEvent
 
 
 class ContactForces:
-    """Sums up the impulses of the law over the timesteps of an environment step, and lets ``cfrc_ext`` have their mean.
+    """An accumulator of the law's impulses over an environment step, which writes their mean force to ``cfrc_ext``.
 
-    Soft contact: ``cfrc_ext`` is what `mj_rnePostConstraint` says of the last timestep, as ever, plus the law's
-    impulses of all timesteps over the duration of the environment step. Rigid contact is the law's: there it is the
-    mean of what `mj_rnePostConstraint` says of each timestep.
+    With soft contact, ``cfrc_ext`` is the result of `mj_rnePostConstraint` in the last timestep, as usual, plus the
+    law's impulses in all timesteps divided by the duration of the environment step. With rigid contact, where all
+    contact forces are the law's, it is the mean of the results of `mj_rnePostConstraint` over all timesteps.
 
     Args:
         model: the scene.
@@ -31,16 +31,16 @@ class ContactForces:
         self._then = mujoco.MjData(model)
 
     def clear(self) -> None:
-        """Begin an environment step."""
+        """Clear the sums, at the start of an environment step."""
         self._sum[:], self._steps = 0.0, 0
 
     @property
     def of_every_timestep(self) -> bool:
-        """Whether each timestep has to be taken up by itself."""
+        """Whether `add` must be called after every single timestep."""
         return self._rigid
 
     def add(self, data: mujoco.MjData, steps: int, events: Iterable[ImpactEvent]) -> None:
-        """Take up so many timesteps and their collisions."""
+        """Add a number of timesteps and their collisions to the sums."""
         self._steps += steps
         if self._rigid:
             mujoco.mj_rnePostConstraint(self._model, data)
@@ -50,7 +50,7 @@ class ContactForces:
             self._sum += self._impulses(data, event) / self._model.opt.timestep
 
     def write(self, data: mujoco.MjData) -> None:
-        """Write ``cfrc_ext``; MuJoCo's own part of the last timestep must be in it."""
+        """Write ``cfrc_ext``, which must hold MuJoCo's own forces in the last timestep."""
         if not self._steps:
             return
         if self._rigid:
@@ -58,7 +58,7 @@ class ContactForces:
         data.cfrc_ext[:] += self._sum / self._steps
 
     def _impulses(self, data: mujoco.MjData, event: ImpactEvent) -> np.ndarray:
-        """Return the impulses on bodies at a collision, (nbody, 6), about the centers of mass of then."""
+        """Return the impulses on bodies in a collision, (nbody, 6), about the centers of mass at that time."""
         model, then, impact = self._model, self._then, event.impact
         then.qpos[:], then.mocap_pos[:], then.mocap_quat[:] = event.qpos, data.mocap_pos, data.mocap_quat
         mujoco.mj_kinematics(model, then)
@@ -76,17 +76,17 @@ class ContactForces:
 def on_bodies(
     model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts, force: np.ndarray, torque: np.ndarray
 ) -> np.ndarray:
-    """Return what contacts do to bodies, torque and then force, (nbody, 6), in the convention of ``cfrc_ext``.
+    """Return the wrenches of contacts on bodies, torque before force, (nbody, 6), in the convention of ``cfrc_ext``.
 
-    Torques are about the center of mass of the kinematic tree that the body is of (``subtree_com`` of its root), axes
-    are the world's; the world has nothing; limits of joints are internal and do nothing.
+    Torques are about the center of mass of the body's kinematic tree (``subtree_com`` of its root), in world axes. The
+    row of the world is zero. Joint limits are internal and contribute nothing.
 
     Args:
         model: the scene.
-        data: with frames and centers of mass.
+        data: data with current frames and centers of mass.
         contacts: the contacts.
-        force: on their second bodies, world frame, (h, 3).
-        torque: the same.
+        force: forces on their second bodies, world frame, (h, 3).
+        torque: torques on their second bodies, world frame, (h, 3).
     """
     total = np.zeros((model.nbody, 6))
     bodies = np.append(model.geom_bodyid, 0)[contacts.geoms]  # -1 is the world

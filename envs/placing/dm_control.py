@@ -1,4 +1,4 @@
-"""A law in dm_control's `Physics.step`."""
+"""Put a law in place of dm_control's `Physics.step`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _BAD = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS"
 
 
 class OnPhysics(PlacedLaw):
-    """A law on a dm_control `Physics`; its copies and pickles have it too, but do not record."""
+    """A law on a dm_control `Physics`; copies and pickles of the physics have the law too, but do not record."""
 
     method = "step"
 
@@ -30,8 +30,8 @@ class OnPhysics(PlacedLaw):
         self._install(physics.model.ptr)
 
     def remove(self) -> None:
-        """Let the physics step as it did before, and end the recording."""
-        with contextlib.suppress(ReferenceError):  # a composer environment that was closed has no physics
+        """Restore the original stepping of the physics, and end the recording."""
+        with contextlib.suppress(ReferenceError):  # a closed composer environment has no physics
             super().remove()
             for name in _COPYING:
                 vars(self._physics).pop(name, None)
@@ -42,12 +42,12 @@ class OnPhysics(PlacedLaw):
         self._physics.__reduce_ex__ = self._reduce
 
     def _copy(self, share_model: bool = False) -> Any:
-        """Stand for `Physics.copy`."""
+        """Replace `Physics.copy`: return a copy with the law."""
         physics = self._physics
         return _with_law(physics.__class__.copy(physics, share_model=share_model), *self.options)
 
     def _reduce(self, _protocol: int) -> tuple[Any, ...]:
-        """Tell `copy` and `pickle` what a copy is made of."""
+        """Replace `Physics.__reduce_ex__`: `copy` and `pickle` make copies with the law."""
         physics = self._physics
         return _remade, (physics.__class__, physics.data, *self.options)
 
@@ -55,14 +55,14 @@ class OnPhysics(PlacedLaw):
         return self._physics
 
     def simulation(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
-        """Return model and data of now."""
+        """Return the present model and data."""
         return self._physics.model.ptr, self._physics.data.ptr
 
     def _simulate(self, nstep: int = 1) -> None:
-        if not self._composer:  # which steps its physics once per environment step
+        if not self._composer:  # a suite environment steps its physics once per environment step
             self.clear()
         physics = self._physics
-        try:  # check_invalid_state raises PhysicsError, or warns where the task asked for that
+        try:  # check_invalid_state raises PhysicsError, or warns if the task suppresses it
             with physics.check_invalid_state(), contextlib.suppress(DivergenceError):
                 self._step(nstep)
         except PhysicsError:
@@ -70,7 +70,10 @@ class OnPhysics(PlacedLaw):
             raise
 
     def _step(self, nstep: int) -> None:
-        """Step as `Physics.step` does: with ``legacy_step`` from half of a step to half of a step, except for RK4."""
+        """Step as `Physics.step` does: with ``legacy_step``, from the middle of one step to that of another.
+
+        The order is `mj_step2`, whole steps, `mj_step1`; RK4 and rigid contact have no half steps and skip `mj_step2`.
+        """
         (model, data), legacy = self.simulation(), self._physics.legacy_step
         half = legacy and self._options.contact_model == "soft" and model.opt.integrator != _RK4
         self._advance(model, data, nstep, half=half)
@@ -80,10 +83,10 @@ class OnPhysics(PlacedLaw):
 
 
 class OnDmControl(OnPhysics):
-    """A law on a dm_control environment, suite or composer; wrappers around it do not matter.
+    """A law on a dm_control environment, suite or composer, with or without wrappers around it.
 
-    A composer environment makes its physics anew at every reset, so the law is put into each of them. A state that is
-    not finite is dm_control's own `PhysicsError`, as without the law. A copy of a suite's environment has the law, too;
+    A composer environment makes a new physics at every reset, and the law is put into each of them. A state that is not
+    finite raises dm_control's own `PhysicsError`, as without the law. A copy of a suite environment has the law too;
     dm_control cannot copy composer environments.
 
     Raises:
@@ -110,13 +113,13 @@ class OnDmControl(OnPhysics):
         return round(self._env.control_timestep() / self._physics.timestep())
 
     def record_steps(self, env: Any) -> None:
-        """Record actions and rewards of an environment's own steps, too, if anything is recorded: physics has none."""
+        """Also record actions and rewards of an environment's steps, if there is a log; a physics has neither."""
         if self._log is not None:
             self._told, self._plain_step = env, env.step
             env.step = self._told_step
 
     def _told_step(self, action: Any) -> Any:
-        """Stand for the environment's `step`; one that has been a reset is none."""
+        """Replace the environment's `step`: record each step that was not a reset."""
         result = self._plain_step(action)
         if not result.first():
             ended = result.last()
@@ -124,7 +127,7 @@ class OnDmControl(OnPhysics):
         return result
 
     def remove(self) -> None:
-        """Let the environment step as it did before, and end the recording."""
+        """Restore the original stepping of the environment, and end the recording."""
         super().remove()
         if self._told is not None and vars(self._told).get("step") == self._told_step:
             del self._told.step
@@ -140,13 +143,13 @@ class OnDmControl(OnPhysics):
 
 
 def law_on(physics: Any) -> OnPhysics | None:
-    """Return the law that a dm_control `Physics` is stepped by; None if there is none."""
+    """Return the law that steps a dm_control `Physics`; None if there is none."""
     holder = getattr(vars(physics).get(OnPhysics.method), "__self__", None)
     return holder if isinstance(holder, OnPhysics) else None
 
 
 _COPYING = ("copy", "__reduce_ex__")
-"""What is put on an instance beside its `step`, so that copies have the law."""
+"""Methods replaced on an instance besides `step`, so that copies have the law."""
 
 
 def _remade(kind: type[Physics], data: Any, standing: LawOptions, in_force: LawOptions) -> Any:

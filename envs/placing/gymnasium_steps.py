@@ -1,4 +1,4 @@
-"""A law in the environments of gymnasium and gymnasium-robotics, and the way to the place where one is stepped."""
+"""Put a law into environments of gymnasium and gymnasium-robotics, and find the object that steps MuJoCo."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from impactlaw.errors import WrapperError
 
 
 class _OnEnv(PlacedLaw):
-    """An environment with ``model`` and ``data``."""
+    """A law on an environment with attributes ``model`` and ``data``."""
 
     def __init__(self, env: Any, options: LawOptions, log: EpisodeLog | None):
         super().__init__(options, log)
@@ -28,12 +28,12 @@ class _OnEnv(PlacedLaw):
         return self._env
 
     def simulation(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
-        """Return model and data of now."""
+        """Return the present model and data."""
         return self._env.model, self._env.data
 
 
 class OnGymnasium(_OnEnv):
-    """Gymnasium's MujocoEnv."""
+    """A law on gymnasium's MujocoEnv."""
 
     method = "_step_mujoco_simulation"
 
@@ -52,7 +52,7 @@ class OnGymnasium(_OnEnv):
 
 
 class OnRobotics(_OnEnv):
-    """The robot environments of gymnasium-robotics."""
+    """A law on a robot environment of gymnasium-robotics."""
 
     method = "_mujoco_step"
 
@@ -76,17 +76,17 @@ _DEAF = (
     ("gymnasium_robotics.envs.robot_env", "BaseRobotEnv"),
     ("shimmy.dm_control_compatibility", "DmControlCompatibilityV0"),
 )
-"""Classes whose reset takes options and ignores them."""
+"""Classes whose reset accepts options and ignores them."""
 
 
 def place(env: gymnasium.Env, options: LawOptions, log: EpisodeLog | None, *, replace: bool = False) -> PlacedLaw:
-    """Put a law into a gymnasium environment, or into the one that it holds, as mazes do.
+    """Put a law into a gymnasium environment, or into an environment that it holds, as mazes do.
 
     Args:
-        env: wrapped or not.
-        options: the law.
-        log: where to record.
-        replace: take off the law that is there, as in a copy.
+        env: the environment, wrapped or not.
+        options: the law and its options.
+        log: the log to record to, if any.
+        replace: remove a law that is there already, as in a copy.
 
     Raises:
         WrapperError: the environment does not step MuJoCo in a known way, or has a law already.
@@ -115,7 +115,7 @@ def place(env: gymnasium.Env, options: LawOptions, log: EpisodeLog | None, *, re
 
 
 def ignores_options(env: gymnasium.Env) -> bool:
-    """Return whether options of a reset are known to change nothing in an environment: all of it is gymnasium's."""
+    """Return whether an environment is known to ignore reset options: its own and its wrappers' resets do."""
     while isinstance(env, gymnasium.Wrapper):
         if not type(env).reset.__module__.startswith("gymnasium."):
             return False
@@ -127,7 +127,7 @@ def ignores_options(env: gymnasium.Env) -> bool:
 
 def _kind(target: Any) -> type[OnGymnasium | OnRobotics] | None:
     for module, name, kind in _KNOWN:
-        known = getattr(sys.modules.get(module), name, None)  # who has such an environment has imported its module
+        known = getattr(sys.modules.get(module), name, None)  # the module of such an environment is imported already
         if known is not None and isinstance(target, known):
             if getattr(type(target), kind.method) is not getattr(known, kind.method):
                 raise WrapperError(f"{name_of(target)} steps MuJoCo in a way of its own ({kind.method} is overridden)")

@@ -1,4 +1,4 @@
-"""A law in the place where somebody else's environment steps MuJoCo."""
+"""A law that replaces the method by which an existing environment steps MuJoCo."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _OPTIONS = (
 
 
 class PlacedLaw(LawInForce, ABC):
-    """A law that an environment's stepping has been given; `remove` takes it away again.
+    """A law that replaces the stepping of an environment until `remove` is called.
 
     Attributes:
-        diverged: whether the simulation has left the finite numbers in the environment step.
+        diverged: whether the simulation has diverged in the last environment step.
     """
 
     method: str
-    """What is replaced on the instance that steps."""
+    """Name of the method that is replaced on the instance that steps."""
 
     contact_model, scheme, friction, contacts = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
     rest_speed, on_inadmissible, limits = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
@@ -55,11 +55,11 @@ class PlacedLaw(LawInForce, ABC):
 
     @property
     def events(self) -> tuple[ImpactEvent, ...]:
-        """The collisions of the last environment step, all its timesteps, in order."""
+        """The collisions in all timesteps of the last environment step, in order."""
         return tuple(event for told in self._met for event in (told() if callable(told) else told))
 
     def info(self) -> dict[str, int | float | str]:
-        """Return what `impact_info` says of the last environment step, and the law and restitution in force."""
+        """Return the entries of `impact_info` for the last environment step, and the law and restitution in force."""
         if self._named[0] is not self.law:
             self._named = self.law, describe_law(self.law)
         return {**impact_info(self._sums, short=self._short, diverged=self.diverged), **self._named[1]}
@@ -72,13 +72,13 @@ class PlacedLaw(LawInForce, ABC):
             self._forces.clear()
 
     def prepare_reset(self, options: Mapping[str, Any] | None) -> None:
-        """Let what a reset asks for be in force in the episode that it begins, and record nothing meanwhile."""
+        """Put the options of a reset into force for the episode that it begins, and pause recording until then."""
         self.use(self._options.for_reset(options, self.seeds))
         if self._log is not None:
             self._log.pause()
 
     def begin_episode(self, scene: str | None, seed: int | None, generator: Any) -> None:
-        """Record the start of an episode, as the reset has left it."""
+        """Record the initial state of an episode, after the reset."""
         self._stepped = False
         if self._log is not None:
             model, data = self.simulation()
@@ -86,17 +86,20 @@ class PlacedLaw(LawInForce, ABC):
             self._log.begin(self._stepper_for(model), data, self._in_force, seed=seed, generator=generator)
 
     def record_step(self, action: Any, reward: Any, terminated: bool, truncated: bool) -> None:
-        """Record an environment step that is over."""
+        """Record the end of an environment step."""
         if self._log is not None:
             self._log.end_step(action, reward, terminated, truncated)
 
     def check_stepped(self, since: float) -> None:
-        """Refuse an environment that has stepped MuJoCo since a time, s, where the law has not stepped in this episode.
+        """Raise if an environment has advanced MuJoCo's time, though the law has not stepped in this episode.
 
-        Later time may pass without the law: a reset in a step lets a robot settle, or moves it by hand.
+        Once the law has stepped, time may pass without it: a reset within a step lets a robot settle or moves it.
+
+        Args:
+            since: time at the start of the environment step, s.
 
         Raises:
-            WrapperError: it has.
+            WrapperError: the environment steps MuJoCo by another method.
         """
         if not self._stepped and self.simulation()[1].time > since:
             name = name_of(self._target())
@@ -109,7 +112,7 @@ class PlacedLaw(LawInForce, ABC):
             self._log = None
 
     def remove(self) -> None:
-        """Let the environment step as it did before, and end the recording."""
+        """Restore the original stepping of the environment, and end the recording."""
         self._removed = True
         self.close()
         target = self._target()
@@ -117,7 +120,7 @@ class PlacedLaw(LawInForce, ABC):
             delattr(target, self.method)
 
     def _set(self, **changes: Any) -> None:
-        """Change what stands.
+        """Change the standing options and those in force.
 
         Raises:
             WrapperError: the law was removed.
@@ -129,22 +132,22 @@ class PlacedLaw(LawInForce, ABC):
         super()._set(**changes)
 
     def __getstate__(self) -> dict[str, Any]:
-        """A copy does not record."""
+        """Return the state of a copy, which does not record."""
         return self.__dict__ | {"_log": None}
 
     @property
     def options(self) -> tuple[LawOptions, LawOptions]:
-        """What was asked for, and what is in force in this episode."""
+        """The standing options, and those in force in this episode."""
         return self._options, self._in_force
 
     @property
     def frame_skip(self) -> int | None:
-        """Timesteps per environment step; None if that is not known."""
+        """Timesteps per environment step; None if unknown."""
         return None
 
     @abstractmethod
     def simulation(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
-        """Return model and data of now."""
+        """Return the present model and data."""
 
     @abstractmethod
     def _target(self) -> Any:
@@ -152,7 +155,7 @@ class PlacedLaw(LawInForce, ABC):
 
     @abstractmethod
     def _simulate(self, *args: Any, **kwargs: Any) -> None:
-        """Step MuJoCo in the place of the method."""
+        """Step MuJoCo; this replaces the method of the instance."""
 
     def _install(self, model: mujoco.MjModel) -> None:
         target = self._target()
@@ -166,7 +169,7 @@ class PlacedLaw(LawInForce, ABC):
 
     @property
     def stepper(self) -> Stepper:
-        """What steps the environment."""
+        """The stepper of this episode."""
         return self._stepper
 
     def _stepper_for(self, model: mujoco.MjModel) -> Stepper:
@@ -180,7 +183,7 @@ class PlacedLaw(LawInForce, ABC):
             self._forces = ContactForces(model, rigid=self._options.contact_model == "rigid")
 
     def _advance(self, model: mujoco.MjModel, data: mujoco.MjData, steps: int, *, half: bool = False) -> None:
-        """Advance by so many timesteps; the first one by its second half only."""
+        """Advance by a number of timesteps; with half, the first one starts at its second half."""
         stepper, self._stepped = self._stepper_for(model), True
         if self._log is not None:
             self._log.watch(stepper, data, self._in_force)
@@ -206,19 +209,19 @@ class PlacedLaw(LawInForce, ABC):
 
     @property
     def _watched(self) -> bool:
-        """Whether every timestep is to be seen."""
+        """Whether every timestep must be taken by itself, to be recorded or summed."""
         return self._log is not None or (self._forces is not None and self._forces.of_every_timestep)
 
     def _write_forces(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Compute ``cfrc_ext`` of the step that is over with the impulses of the law, if it was asked for."""
+        """After a step, compute ``cfrc_ext`` with the impulses of the law, if the option asks for it."""
         if self._forces is not None:
             mujoco.mj_rnePostConstraint(model, data)
             self._forces.write(data)
 
     def _advance_checked(self, model: mujoco.MjModel, data: mujoco.MjData, steps: int) -> None:
-        """Advance by so many timesteps; refuse controls and states that are not finite, or huge.
+        """Advance by a number of timesteps; raise DivergenceError if controls or state are not finite, or huge.
 
-        MuJoCo would set all controls to 0 and go on; under RK4 such a state shows in the next timestep only.
+        MuJoCo would set all controls to 0 and continue. With RK4, it notices such a state only in the next timestep.
         """
         if not mujoco.mju_norm(data.ctrl) <= mujoco.mjMAXVAL:
             self.diverged = True
@@ -230,5 +233,5 @@ class PlacedLaw(LawInForce, ABC):
 
 
 def name_of(target: Any) -> str:
-    """Return the name of its class, of what a proxy stands for."""
+    """Return the name of an object's class; for a proxy, that of the object behind it."""
     return target.__class__.__name__

@@ -1,1 +1,1 @@
-"""Tasks in which the impact law decides."""
+"""Tasks whose outcome depends on the impact law."""

@@ -18,9 +18,9 @@ WIDEST_AIM = 0.35
 SPEED = (1.0, 4.0)
 """Least and largest speed of the cue ball, m/s."""
 POCKETS = tuple((x, y, 0.07 if x == 0 else 0.1) for x in (-1.25, 0.0, 1.25) for y in (-0.625, 0.625))
-"""Places on the cushions' edge and radii, m."""
+"""Positions x, y on the cushions' edge and radius of each pocket, m."""
 TRAY = -0.9
-"""Where potted balls lie in a row, before the long side of the table, m."""
+"""The y coordinate of the row of potted balls, outside the long side of the table, m."""
 _CENTERS, _RADII_SQUARED = np.array(POCKETS).T[:2, :, None], np.array(POCKETS)[:, 2:] ** 2
 
 
@@ -39,23 +39,24 @@ class Billiards(ImpactEnv):
     | 64-79 | whether they are potted | 1 | 0 .. 1 |
     | 80 | time left | s | 0 .. 1.5 |
 
-    Action, `Box(2)`, which makes the shot in the first step of an episode and does nothing afterwards:
+    Action, `Box(2)`, which makes the shot in the first step of an episode and has no effect afterwards:
 
     | index | meaning | unit | range |
     |---|---|---|---|
-    | 0 | angle of the shot to the x axis, as a part of 0.35 rad, positive towards positive y | 1 | -1 .. 1 |
+    | 0 | angle of the shot to the x axis, as a fraction of 0.35 rad, positive towards positive y | 1 | -1 .. 1 |
     | 1 | speed of the cue ball: -1 is 1 m/s, 1 is 4 m/s | 1 | -1 .. 1 |
 
-    Reward: 1 for every ball that is potted, -1 for the cue ball.
+    Reward: 1 for every potted ball, -1 for the cue ball.
 
     End: terminated after 1.5 s (30 steps).
 
-    Start: the racked balls touch; the cue ball lies 1.2 m before them, up to 0.2 m to either side.
+    Start: the racked balls touch; the cue ball lies 1.2 m in front of them, up to 0.2 m to either side.
 
-    What the law changes: where the balls go after the break, a collision with 31 contacts. By Moreau's law each ball
-    leaves with ``(1 + e) p``, p the point of maximal dissipation, so that e changes the speed of a ball and not its
-    direction: hit full, three balls on either side set out in a row for a corner. With e = 0.95 (the default) four of
-    the six get there in time, with e = 0 none; "reversal" sends other balls, elsewhere. Later collisions are chaotic.
+    What the law changes: where the balls go after the break, a collision with 31 contacts. Under Moreau's law each
+    racked ball leaves with ``(1 + e) p``, where p is its velocity under maximal dissipation, so e changes the speed of
+    a ball but not its direction. After a full hit, three balls on either side move in a row towards a corner. With
+    e = 0.95 (the default) four of the six arrive in time, with e = 0 none; "reversal" sends other balls in other
+    directions. Later collisions are chaotic.
     """
 
     SCENE: ClassVar[str] = "billiard_rack"
@@ -65,7 +66,7 @@ class Billiards(ImpactEnv):
     ACTION: ClassVar = ((2, -1.0, 1.0),)
 
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Add the pockets; between collisions balls fly straight, so that 10 ms are exact."""
+        """Add the pockets, and set the timestep to 10 ms: it is exact, as balls move straight between collisions."""
         spec.option.timestep = 0.01
         for i, (x, y, radius) in enumerate(POCKETS):
             pocket = spec.worldbody.add_geom(
@@ -75,7 +76,7 @@ class Billiards(ImpactEnv):
             pocket.contype = pocket.conaffinity = 0
 
     def start(self) -> None:
-        """Lay the cue ball down."""
+        """Draw the position of the cue ball."""
         self._origin = self.model.body_pos[1:, :2].copy()
         self._potted = np.zeros(BALLS, dtype=bool)
         self._gained = 0.0
@@ -83,7 +84,7 @@ class Billiards(ImpactEnv):
         self.data.joint("cue_y").qpos = self.np_random.uniform(-0.2, 0.2)
 
     def act(self, action: np.ndarray) -> None:
-        """Shoot, if nothing has been shot yet."""
+        """Shoot, in the first step of an episode."""
         self._gained = 0.0
         if self.data.time == 0.0:
             angle = WIDEST_AIM * action[0]
@@ -106,12 +107,12 @@ class Billiards(ImpactEnv):
             self.data.qvel[2 * ball : 2 * ball + 2] = 0.0
 
     def observe(self) -> np.ndarray:
-        """Return positions, velocities, what is potted, and the time left."""
+        """Return positions, velocities, which balls are potted, and the time left."""
         left = DURATION - self.data.time
         return np.concatenate([self._positions().ravel(), self.data.qvel, self._potted, [left]])
 
     def judge(self) -> tuple[float, bool]:
-        """Reward what was potted."""
+        """Reward the balls potted in this step."""
         return self._gained, self.data.time >= DURATION - 1e-9
 
     def _positions(self) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What moves a mocap body: a drive with a stroke and a largest acceleration."""
+"""A drive that moves a mocap body, with limited stroke and acceleration."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ _MANY: tuple[Any, ...] = np.minimum, np.maximum, np.sqrt
 
 @dataclass(frozen=True)
 class Drive:
-    """Moves along a stroke with the acceleration that it is told, and brakes in time before the stroke's ends.
+    """A drive that follows a commanded acceleration, and brakes in time before the ends of its stroke.
 
     Attributes:
-        stroke: farthest place on both sides of 0, m or rad.
-        acceleration: the largest, m/s^2 or rad/s^2.
+        stroke: largest position on either side of 0, m or rad.
+        acceleration: largest acceleration, m/s^2 or rad/s^2.
     """
 
     stroke: float
     acceleration: float
 
     def advance(self, place: Any, speed: Any, part: Any, timestep: float) -> tuple[Any, Any]:
-        """Return place and speed after a timestep of constant acceleration; of one drive, or arrays of many.
+        """Return position and velocity after a timestep of constant acceleration, of one drive or of arrays of drives.
 
         Args:
-            place: where it is now, m or rad.
-            speed: its velocity now, m/s or rad/s.
-            part: wanted part of the largest acceleration, -1 .. 1.
-            timestep: s.
+            place: present position, m or rad.
+            speed: present velocity, m/s or rad/s.
+            part: commanded acceleration as a fraction of the largest one, -1 .. 1.
+            timestep: timestep, s.
         """
         wanted = speed + part * self.acceleration * timestep
         least, most, _ = functions = _SINGLE if isinstance(place, float) else _MANY
@@ -41,10 +41,17 @@ class Drive:
         return place + 0.5 * (speed + after) * timestep, after
 
     def _highest(self, room: Any, speed: Any, timestep: float, functions: tuple[Any, ...]) -> Any:
-        """Return the highest speed after a timestep from which the drive can stop within what is left of the room."""
+        """Return the highest velocity after a timestep from which the drive can stop within the remaining stroke.
+
+        Args:
+            room: distance to the end of the stroke, m or rad.
+            speed: present velocity towards that end, m/s or rad/s.
+            timestep: timestep, s.
+            functions: minimum, maximum and square root, for numbers or arrays.
+        """
         least, most, root = functions
         left = room - 0.5 * speed * timestep
         half = 0.5 * timestep
         stopping = self.acceleration * (root(half**2 + 2.0 * most(left, 0.0) / self.acceleration) - half)
-        back = 2.0 * least(left, 0.0) / timestep  # it stops within the timestep, and comes back
+        back = 2.0 * least(left, 0.0) / timestep  # it stops within the timestep, and moves back
         return stopping + back

@@ -1,4 +1,4 @@
-"""Environments whose action drives a mocap body; what one world does in them, many worlds do at once."""
+"""Environments whose action drives a mocap body, written for one world or for arrays of worlds."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Numbers = float | np.ndarray
 
 
 class Beginning(NamedTuple):
-    """How an episode begins: positions, (nq,), velocities, (nv,), and what is wanted in it, as a number."""
+    """The beginning of an episode: positions, (nq,), velocities, (nv,), and the goal of the task, a number."""
 
     qpos: np.ndarray
     qvel: np.ndarray
@@ -23,10 +23,9 @@ class Beginning(NamedTuple):
 
 
 class DrivenEnv(ImpactEnv):
-    """An environment whose action is the acceleration of a mocap body, as a part of its drive's largest one.
+    """An environment whose action is the acceleration of a mocap body, as a fraction of its drive's largest one.
 
-    What an environment says of a state it says of arrays of states too, so that many worlds are the same task: `move`,
-    `see` and `rate` take one state, or arrays of n.
+    `move`, `see` and `rate` accept one state or arrays of n states, so that the same code serves many worlds.
     """
 
     DRIVE: ClassVar[Drive]
@@ -35,46 +34,46 @@ class DrivenEnv(ImpactEnv):
 
     @abstractmethod
     def draw(self, rng: np.random.Generator) -> Beginning:
-        """Draw how an episode begins."""
+        """Draw the beginning of an episode."""
 
     @staticmethod
     @abstractmethod
     def move(place: Numbers, position: np.ndarray, quaternion: np.ndarray) -> None:
-        """Write where the body is, (3,) or (n, 3) and (4,) or (n, 4), when its drive is at a place."""
+        """Write the pose of the body for a drive position: position, (3,) or (n, 3), quaternion, (4,) or (n, 4)."""
 
     @staticmethod
     @abstractmethod
     def see(qpos: np.ndarray, qvel: np.ndarray, place: Numbers, speed: Numbers, goal: Numbers) -> np.ndarray:
-        """Return what is observed of states, (nq,) or (n, nq), and of drives, (k,) or (n, k)."""
+        """Return the observation, (k,) or (n, k), from states, (nq,) or (n, nq), drives and goals."""
 
     @abstractmethod
     def rate(self, qpos: np.ndarray, qvel: np.ndarray, goal: Numbers) -> tuple[Numbers, Numbers]:
-        """Return the rewards of states, and whether they end their episodes."""
+        """Return the reward of a state, or of n states, and whether it terminates the episode."""
 
     @cached_property
     def mocap(self) -> int:
-        """Number of the body among the mocap bodies."""
+        """Index of the body among the mocap bodies."""
         return int(self.model.body(self.DRIVEN).mocapid[0])
 
     def start(self) -> None:
-        """Begin an episode."""
+        """Draw an episode and set the state to its beginning."""
         self.data.qpos[:], self.data.qvel[:], self._goal = self.draw(self.np_random)
 
     def act(self, action: np.ndarray) -> None:
-        """Tell the drive its acceleration."""
+        """Set the commanded acceleration of the drive."""
         self._part = float(action[0])
 
     def drive(self) -> None:
-        """Move the body."""
+        """Advance the drive by a timestep, and move the body."""
         self.driven = self.DRIVE.advance(*self.driven, self._part, self.model.opt.timestep)
         self.move(self.driven[0], self.data.mocap_pos[self.mocap], self.data.mocap_quat[self.mocap])
 
     def observe(self) -> np.ndarray:
-        """Return what is observed."""
+        """Return the observation."""
         place, speed = self.driven
         return self.see(self.data.qpos, self.data.qvel, place, speed, self._goal)
 
     def judge(self) -> tuple[float, bool]:
-        """Return the reward, and whether the episode ends."""
+        """Return the reward, and whether the episode terminates."""
         reward, over = self.rate(self.data.qpos, self.data.qvel, self._goal)
         return float(reward), bool(over)

@@ -20,8 +20,9 @@ LOST = 2.0
 class Juggler(DrivenEnv):
     r"""Move a paddle up and down so that a ball on it keeps bouncing at a height.
 
-    Ball and paddle move on one vertical line. The paddle is a moving surface: its drive decides how it moves, and the
-    ball cannot push it away. It brakes in time before the ends of its stroke, 0.25 m above and below its place.
+    Ball and paddle move on one vertical line. The paddle is a moving surface: its drive determines its motion, and the
+    ball cannot push it away. It brakes in time before the ends of its stroke, 0.25 m above and below its initial
+    height.
 
     Observation, `Box(5)`:
 
@@ -37,19 +38,20 @@ class Juggler(DrivenEnv):
 
     | index | meaning | unit | range |
     |---|---|---|---|
-    | 0 | acceleration of the paddle, as a part of 45 m/s^2 | 1 | -1 .. 1 |
+    | 0 | acceleration of the paddle, as a fraction of 45 m/s^2 | 1 | -1 .. 1 |
 
-    Reward: ``max(0, 1 - |H - target| / target)`` every step, where ``H = height + velocity^2 / (2 g)`` is where the
-    ball's energy carries it: during a flight the height of its apex, for a ball that lies still nearly 0.
+    Reward: ``max(0, 1 - |H - target| / target)`` every step, where ``H = height + velocity^2 / (2 g)`` is the height
+    that the ball's energy can reach: in flight the height of its apex, for a ball at rest nearly 0.
 
-    End: terminated when the ball rises above 2 m, and is lost; truncated after 1000 steps (10 s).
+    End: terminated when the ball rises above 2 m and is lost; truncated after 1000 steps (10 s).
 
-    Start: the paddle rests, the ball falls from 0.3 .. 1 m, the target is drawn from 0.4 .. 0.8 m.
+    Start: the paddle is at rest, the ball falls from 0.3 .. 1 m, the target is drawn from 0.4 .. 0.8 m.
 
-    What the law changes: the coefficient of restitution decides how fast the paddle has to come up. For a ball that
-    arrives with u, ``v+ = e u + (1 + e) w``: the speed w that sends it back with u is ``u (1 - e) / (1 + e)``, nothing
-    for e = 1, 0.11 u for e = 0.8 (the default), u for e = 0, where the ball stays on the paddle until it brakes.
-    One contact at a time, so "moreau", "newton" and "reversal" with the same e are the same law here.
+    What the law changes: the coefficient of restitution determines how fast the paddle has to move up. A ball that
+    arrives with speed u leaves with ``v+ = e u + (1 + e) w``. The paddle speed w that returns it with speed u is
+    ``u (1 - e) / (1 + e)``: zero for e = 1, 0.11 u for e = 0.8 (the default), and u for e = 0, where the ball stays on
+    the paddle until the paddle brakes. There is one contact at a time, so "moreau", "newton" and "reversal" with the
+    same e are the same law here.
     """
 
     SCENE: ClassVar[str] = "juggler"
@@ -65,28 +67,28 @@ class Juggler(DrivenEnv):
         add_mark(spec, "target", 0.0625)
 
     def start(self) -> None:
-        """Begin an episode, and put the mark at its target."""
+        """Begin an episode, and move the mark to its target."""
         super().start()
         mark = self.model.body("target").mocapid[0]
         self.data.mocap_pos[mark] = 0.0, 0.0, self.model.geom("ball").size[0] + self._goal
 
     def draw(self, rng: np.random.Generator) -> Beginning:
-        """Draw target and height of the ball."""
+        """Draw the target and the height of the ball."""
         target = float(rng.uniform(0.4, 0.8))
         return Beginning(np.array([rng.uniform(0.3, 1.0)]), np.zeros(1), target)
 
     @staticmethod
     def move(place: Numbers, position: np.ndarray, quaternion: np.ndarray) -> None:
-        """Lift the paddle."""
+        """Set the height of the paddle."""
         position[..., 2] = place
 
     @staticmethod
     def see(qpos: np.ndarray, qvel: np.ndarray, place: Numbers, speed: Numbers, goal: Numbers) -> np.ndarray:
-        """Return ball, paddle and target."""
+        """Return height and velocity of ball and paddle, and the target."""
         return np.array([qpos[..., 0], qvel[..., 0], place, speed, goal]).T
 
     def rate(self, qpos: np.ndarray, qvel: np.ndarray, goal: Numbers) -> tuple[Numbers, Numbers]:
-        """Reward a ball whose energy carries it to the target."""
+        """Reward a ball whose energy would take it to the target."""
         height, velocity = qpos[..., 0], qvel[..., 0]
         reached = height - velocity**2 / (2.0 * self.model.opt.gravity[2])
         return np.maximum(0.0, 1.0 - np.abs(reached - goal) / goal), height > LOST

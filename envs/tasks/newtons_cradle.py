@@ -11,17 +11,17 @@ from impactlaw.envs.base import ImpactEnv
 from impactlaw.envs.tasks.scenery import add_mark
 
 PULL = 6.0
-"""Largest torque of the string that pulls the first ball, N m; it holds the ball at 38 degrees."""
+"""Largest torque of the string that pulls the first ball, N m; it can hold the ball at 38 degrees."""
 LENGTH = 1.0
 """Length of the pendulums, m."""
 CLOSE = 0.95
-"""Closeness of the last ball's apex to the target with which an episode ends."""
+"""Closeness of the last ball's apex to the target at which an episode ends."""
 
 
 class NewtonsCradle(ImpactEnv):
     r"""Pull the first of five hanging balls away from the others and let go, so that the last one reaches a height.
 
-    The string only pulls, so that nothing but collisions brings the last ball up.
+    The string can only pull, so only collisions can raise the last ball.
 
     Observation, `Box(12)`:
 
@@ -36,20 +36,20 @@ class NewtonsCradle(ImpactEnv):
 
     | index | meaning | unit | range |
     |---|---|---|---|
-    | 0 | pull on ball 1, away from the others, as a part of 6 N m; below 0 the string is slack | 1 | -1 .. 1 |
+    | 0 | pull on ball 1, away from the others, as a fraction of 6 N m; below 0 the string is slack | 1 | -1 .. 1 |
 
-    Reward: what the closeness of the best apex gained. An apex is where the last ball turns back, its closeness
+    Reward: the increase of the best closeness in this step. Closeness is measured at each apex of the last ball, as
     ``max(0, 1 - |rise - target| / target)``, so that the return is at most 1.
 
-    End: terminated when the closeness reaches 0.95, or when a ball rises above its hinge's height (its strings would go
-    slack); truncated after 300 steps (6 s).
+    End: terminated when the closeness reaches 0.95, or when a ball rises above its hinge (its strings would go slack);
+    truncated after 300 steps (6 s).
 
-    Start: the balls hang in touch, at rest. The target is drawn from 0.02 .. 0.12 m.
+    Start: the balls hang touching each other, at rest. The target is drawn from 0.02 .. 0.12 m.
 
-    What the law changes: how much of ball 1 arrives at ball 5. With "reversal" (the default; e = 1 is the real cradle)
-    ball 5 rises as high as ball 1 was pulled. With "moreau" e = 1 it gets 0.4 of the speed, 0.16 of the height; with
-    "maximal-dissipation" all five balls go on together, with 1/5 of the speed and 1/25 of the height, and the target
-    takes several pulls.
+    What the law changes: how much of ball 1's motion reaches ball 5. With "reversal" (the default; e = 1 is the real
+    cradle) ball 5 rises as high as ball 1 was pulled. With "moreau", e = 1, it gets 0.4 of the speed and 0.16 of the
+    height. With "maximal-dissipation" all five balls move on together with 1/5 of the speed, rise to 1/25 of the
+    height, and it takes several pulls to reach the target.
     """
 
     SCENE: ClassVar[str] = "newtons_cradle"
@@ -66,7 +66,7 @@ class NewtonsCradle(ImpactEnv):
         add_mark(spec, "target", 0.125)
 
     def start(self) -> None:
-        """Draw the target."""
+        """Draw the target, and move the mark to it."""
         self._target = float(self.np_random.uniform(0.02, 0.12))
         self._best = self._gained = self._speed = 0.0
         angle = np.arccos(1.0 - self._target / LENGTH)
@@ -75,12 +75,12 @@ class NewtonsCradle(ImpactEnv):
         self.data.qvel[:] = 0.0
 
     def act(self, action: np.ndarray) -> None:
-        """Pull."""
+        """Set the pull of the string."""
         self.data.ctrl[:] = action
         self._gained = 0.0
 
     def watch(self) -> None:
-        """Take the apexes of the last ball down."""
+        """Update the best closeness when the last ball passes an apex."""
         before, self._speed = self._speed, float(self.data.qvel[4])
         if before > 0 >= self._speed:
             rise = LENGTH * (1.0 - np.cos(self.data.qpos[4]))
@@ -93,5 +93,5 @@ class NewtonsCradle(ImpactEnv):
         return np.concatenate([self.data.qpos, self.data.qvel, [self._target, self._best]])
 
     def judge(self) -> tuple[float, bool]:
-        """Reward what came closer."""
+        """Reward the increase of the best closeness."""
         return self._gained, self._best >= CLOSE or np.abs(self.data.qpos).max() > np.pi / 2

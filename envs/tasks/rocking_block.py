@@ -12,19 +12,19 @@ from impactlaw.envs.tasks.driven import Beginning, DrivenEnv, Numbers
 DRIVE = Drive(stroke=0.25, acceleration=70.0)
 """Drive of the platform's tilt, rad and rad/s^2."""
 TOPPLED = 0.5
-"""Angle of the block, rad, from which it counts as toppled: twice the one beyond which it falls by itself."""
+"""Angle of the block, rad, beyond which it counts as toppled: twice the angle beyond which it falls by itself."""
 HALF_WIDTH, HALF_HEIGHT = 0.125, 0.5
-"""Of the block, between its feet and up to its centre, m."""
+"""Half the distance between the feet of the block, and the height of its centre above them, m."""
 
 
 class RockingBlock(DrivenEnv):
-    r"""Tilt the ground so that a slender block, which has started to rock, does not topple.
+    r"""Tilt the ground so that a slender block that has started to rock does not topple.
 
-    Contacts have no friction, so ground that moves sideways would slide away below the feet. Instead the block is
-    guided at its centre - it moves up and down and turns - and the ground is a platform that tilts: its reaction leans
-    over with it and turns the block, as the reaction of ground that moves sideways would. The platform is a moving
-    surface, which turns about the line below the block as its drive decides: the block cannot push it away. It brakes
-    in time before the ends of its stroke, 0.25 rad to both sides.
+    Contacts have no friction, so ground that moves sideways would slide away under the feet. Instead, the block is
+    guided at its centre (it can move up and down and turn) and the ground is a platform that tilts. Its reaction force
+    tilts with it and turns the block, as the reaction of ground that moves sideways would. The platform is a moving
+    surface that turns about a line below the block. Its drive determines its motion, and the block cannot push it away.
+    It brakes in time before the ends of its stroke, 0.25 rad to either side.
 
     Observation, `Box(6)`:
 
@@ -41,7 +41,7 @@ class RockingBlock(DrivenEnv):
 
     | index | meaning | unit | range |
     |---|---|---|---|
-    | 0 | angular acceleration of the platform, as a part of 70 rad/s^2 | 1 | -1 .. 1 |
+    | 0 | angular acceleration of the platform, as a fraction of 70 rad/s^2 | 1 | -1 .. 1 |
 
     Reward: ``max(0, 1 - |angle| / 0.5)`` every step, 1 for a block that stands upright.
 
@@ -50,10 +50,10 @@ class RockingBlock(DrivenEnv):
     Start: the block stands on one foot, the left or the right one, tilted by 0.05 .. 0.1 rad and turning outwards with
     1.1 to 1.4 times the energy that it takes to topple.
 
-    What the law changes: what is left of the rocking at each change of foot. With e = 0 ("moreau" 0, the default) the
-    block changes feet without bouncing and loses half of its energy; with "moreau" e > 0 both feet leave the ground and
-    the block hops; "reversal" exchanges the feet and keeps the rocking, so that a block that was saved comes back
-    on the other side as fast as before.
+    What the law changes: how much of the rocking motion remains when the block changes feet. With e = 0 ("moreau" 0,
+    the default) the block changes feet without bouncing and loses half of its energy. With "moreau", e > 0, both feet
+    leave the ground and the block hops. "reversal" exchanges the feet and keeps the rocking motion, so that a block
+    that was saved on one side rocks to the other side as fast as before.
     """
 
     SCENE: ClassVar[str] = "rocking_platform"
@@ -67,7 +67,7 @@ class RockingBlock(DrivenEnv):
     ACTION: ClassVar = ((1, -1.0, 1.0),)
 
     def draw(self, rng: np.random.Generator) -> Beginning:
-        """Draw a block on one foot, on its way to topple."""
+        """Draw a block on one foot that is going to topple."""
         side = rng.choice([-1.0, 1.0])
         angle, excess = rng.uniform(0.05, 0.1), rng.uniform(1.1, 1.4)
         b, h = HALF_WIDTH, HALF_HEIGHT
@@ -86,7 +86,7 @@ class RockingBlock(DrivenEnv):
 
     @staticmethod
     def see(qpos: np.ndarray, qvel: np.ndarray, place: Numbers, speed: Numbers, goal: Numbers) -> np.ndarray:
-        """Return positions and velocities."""
+        """Return positions and velocities of platform and block."""
         return np.array([place, qpos[..., 0], qpos[..., 1], speed, qvel[..., 0], qvel[..., 1]]).T
 
     def rate(self, qpos: np.ndarray, qvel: np.ndarray, goal: Numbers) -> tuple[Numbers, Numbers]:

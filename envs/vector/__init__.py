@@ -1,1 +1,1 @@
-"""Vectorized environments: all worlds of one batch, stepped in MuJoCo's own threads under impact laws."""
+"""Vectorized environments whose worlds form one batch, stepped under impact laws in MuJoCo's own threads."""

@@ -1,4 +1,4 @@
-"""The laws that worlds are made with: one for all of them, or one for each."""
+"""The laws of worlds as given by arguments: one for all worlds, or one for each."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from impactlaw.laws import Law
 
 
 class Asked(NamedTuple):
-    """The law of a world, and what it was asked for by.
+    """The law of a world, and the argument by which it was given.
 
     Attributes:
-        given: a law, which has its restitution, or the name of one, which other restitutions go with.
+        given: a law, which has its own restitution, or the name of a law, to which a restitution can be given.
         law: the law.
     """
 
@@ -26,10 +26,10 @@ class Asked(NamedTuple):
     law: Law
 
     def other(self, model: mujoco.MjModel, options: Mapping[str, Any]) -> Asked:
-        """Return what is asked for by "law" and "restitution", or by one of them.
+        """Return the law given by options "law" and "restitution", or by one of them.
 
         Raises:
-            UnknownNameError: no such law.
+            UnknownNameError: there is no such law.
             RestitutionError: the restitution does not fit the law.
         """
         given = options.get("law", self.given)
@@ -39,19 +39,19 @@ class Asked(NamedTuple):
 def asked_laws(
     model: mujoco.MjModel, law: Any, restitution: Any, count: int, *, usual: float | None = None
 ) -> Asked | list[Asked] | LawDistribution:
-    """Return the law of so many worlds, one for all or one for each.
+    """Return the laws of worlds: one for all, a list of one per world, or a distribution as it was given.
 
     Args:
-        model: of all worlds.
+        model: the model of all worlds.
         law: a law or its name, or a list with one for each world, or a `LawDistribution`.
-        restitution: what laws by their names take, or a list or an array with one for each world; None for the scene's
+        restitution: argument of laws given by name, or a list or an array with one for each world; None for the scene's
             own.
         count: number of worlds.
-        usual: restitution of a law that needs one, where none is given and the scene has none.
+        usual: restitution of a law that needs one, if neither the argument nor the scene gives one.
 
     Raises:
-        OptionError: there is not one for each world.
-        UnknownNameError: no such law.
+        OptionError: the number of laws or restitutions is not that of the worlds.
+        UnknownNameError: there is no such law.
         RestitutionError: the restitution does not fit a law, or a law has its own.
     """
     if isinstance(law, LawDistribution):
@@ -65,15 +65,18 @@ def asked_laws(
 
 
 def several(value: Any) -> bool:
-    """Whether a value is one for each world: coefficients in the order of contacts, no batch of worlds can have."""
+    """Return whether a value is a sequence of one value per world.
+
+    It cannot be coefficients in the order of contacts, since a batch does not accept laws with these.
+    """
     return isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim > 0)
 
 
 def each(what: str, value: Any, count: int) -> list[Any]:
-    """Return one value for each world.
+    """Return a list of one value per world.
 
     Raises:
-        OptionError: there are more or less.
+        OptionError: a sequence of another length is given.
     """
     values = list(value) if several(value) else [value] * count
     if len(values) != count:

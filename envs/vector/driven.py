@@ -1,4 +1,4 @@
-"""Environments of this package whose action drives a mocap body, in many worlds: Juggler, RockingBlock."""
+"""Many worlds of this package's environments whose action drives a mocap body: Juggler and RockingBlock."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ _OF_WORLDS = {"law", "restitution", "scheme", "frame_skip", "nthread", "batch_op
 
 
 class Driven:
-    """The task of an environment, in many worlds.
+    """The task of an environment in many worlds.
 
     Args:
-        env: the environment, of which there is one world; it is not stepped.
+        env: a single environment that defines the task; it is not stepped.
     """
 
     def __init__(self, env: DrivenEnv):
@@ -40,7 +40,7 @@ class Driven:
         self.action_space: spaces.Box = env.action_space  # pyright: ignore[reportAttributeAccessIssue]
 
     def bind(self, batch: Batch) -> None:
-        """Take worlds."""
+        """Bind the task to the worlds of a batch."""
         self._batch = batch
         self._time, self._qpos, self._qvel = (batch.bind(name) for name in ("time", "qpos", "qvel"))
         self._position = batch.bind("mocap_pos")[:, self._env.mocap]
@@ -49,12 +49,12 @@ class Driven:
         self._fields = batch.state, self._place, self._speed
 
     def start(self, world: int, rng: np.random.Generator) -> None:
-        """Draw an episode."""
+        """Draw an episode, and set a world to its beginning."""
         self._qpos[world], self._qvel[world], self._goal[world] = self._env.draw(rng)
         self._place[world] = self._speed[world] = 0.0
 
     def observe(self) -> np.ndarray:
-        """Return observations of all worlds."""
+        """Return the observations of all worlds."""
         seen = self._env.see(self._qpos, self._qvel, self._place, self._speed, self._goal)
         return np.clip(seen, self.observation_space.low, self.observation_space.high)
 
@@ -79,7 +79,7 @@ class Driven:
         return Outcome(np.asarray(reward), np.asarray(over), diverged, {})
 
     def _drive(self, worlds: np.ndarray, part: np.ndarray) -> None:
-        """Move the driven bodies by a timestep, but in the first one of an episode; see `ImpactEnv`."""
+        """Move the driven bodies by a timestep, except in the first timestep of an episode; see `ImpactEnv`."""
         moves = self._time[worlds] > 0.0
         worlds, part = worlds[moves], part[moves]
         place, speed = self._env.DRIVE.advance(self._place[worlds], self._speed[worlds], part, self.model.opt.timestep)
@@ -90,7 +90,7 @@ class Driven:
 
 
 def _make(kind: type[DrivenEnv], num_envs: int, **options: Any) -> VectorEnv:
-    """Return worlds, or single environments side by side if an option is one that only these have."""
+    """Return compiled worlds, or a set of single environments if an option is given that only these support."""
     single = sorted(options.keys() - _OF_WORLDS)
     if options.get("scheme", "time-stepping") != "time-stepping":
         single.append("scheme")
@@ -106,17 +106,17 @@ def _make(kind: type[DrivenEnv], num_envs: int, **options: Any) -> VectorEnv:
 
 
 class Alongside(SyncVectorEnv):
-    """Single environments, stepped one after another, whose laws are set as those of worlds are.
+    """Single environments, stepped one after another, whose laws can be assigned like those of compiled worlds.
 
     Raises:
-        OptionError: what is set has not one value for each environment.
-        UnknownNameError: as by each of them, when it is set, like the next.
+        OptionError: the number of assigned values is not that of the environments.
+        UnknownNameError: there is no law as assigned to an environment.
         RestitutionError: the restitution does not fit the law.
     """
 
     @property
     def law(self) -> tuple[Any, ...]:
-        """The law in force in each environment; set to one for all, or to a list with one for each."""
+        """The law in force in each environment; assign one for all, or a list with one for each."""
         return self.get_attr("law")
 
     @law.setter
@@ -125,7 +125,7 @@ class Alongside(SyncVectorEnv):
 
     @property
     def restitution(self) -> tuple[Any, ...]:
-        """The restitution of each environment, set as the law."""
+        """The restitution of each environment; assign one for all, or a list with one for each."""
         return self.get_attr("restitution")
 
     @restitution.setter
@@ -134,7 +134,7 @@ class Alongside(SyncVectorEnv):
 
 
 def _side_by_side(name: str, num_envs: int, options: dict[str, Any], single: str) -> Alongside:
-    """Return single environments, and warn that they, for these options, are no compiled worlds."""
+    """Return single environments, and warn that these options rule out compiled worlds."""
     check_count("num_envs", num_envs)
     for worlds in ("nthread", "batch_options"):
         if worlds in options:
@@ -157,20 +157,20 @@ def _side_by_side(name: str, num_envs: int, options: dict[str, Any], single: str
 
 
 def make_juggler(num_envs: int, **options: Any) -> VectorEnv:
-    """Return worlds of `Juggler`, time stepped.
+    """Return time-stepped worlds of `Juggler`.
 
-    With an option that only single environments have, such as "log", "friction" or another scheme, these are single
-    environments, stepped one after another, and an `UncompiledWarning` says so.
+    With an option that only single environments support, such as "log", "friction" or another scheme, return single
+    environments that are stepped one after another, with an `UncompiledWarning`.
 
     Args:
         num_envs: number of worlds.
-        options: "law", "restitution" and "frame_skip" of the environment; or as law or restitution a list or an array
-            with one for each world, or as law a `LawDistribution`, from which each world draws the law of each of its
-            episodes; "nthread" and "batch_options" of `impactlaw.Batch`; "max_episode_steps".
+        options: "law", "restitution" and "frame_skip" of the environment. "law" and "restitution" may also be a list or
+            an array with one value per world; "law" may be a `LawDistribution`, from which each world draws a law for
+            each episode. Further "nthread" and "batch_options" of `impactlaw.Batch`, and "max_episode_steps".
     """
     return _make(Juggler, num_envs, **options)
 
 
 def make_rocking_block(num_envs: int, **options: Any) -> VectorEnv:
-    """Return worlds of `RockingBlock`, time stepped; options as of `make_juggler`."""
+    """Return time-stepped worlds of `RockingBlock`; for the options see `make_juggler`."""
     return _make(RockingBlock, num_envs, **options)

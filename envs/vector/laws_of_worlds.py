@@ -1,4 +1,4 @@
-"""The laws of many worlds: which stand, and which are in force in the episodes of now."""
+"""The laws of many worlds: the standing laws, and those in force in the current episodes."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from impactlaw.errors import OptionError, UnknownNameError
 from impactlaw.laws import Law
 
 OF_BATCH = ("friction", "on_inadmissible", "rest_speed")
-"""Options of `Batch` that worlds can be given."""
+"""Options of `Batch` that can be given to worlds."""
 
 
 class LawsOfWorlds:
-    """Makes worlds that have laws, and gives them others.
+    """A batch of worlds and the laws of each, standing and in force.
 
     Args:
-        model: of all worlds.
-        law: of all worlds, or of each, or what each draws the law of each episode from.
+        model: the model of all worlds.
+        law: the law of all worlds, a list of one law per world, or a distribution from which each episode draws one.
         count: number of worlds.
-        contact_model: of `Batch`.
+        contact_model: option of `Batch`.
         nthread: number of threads; 0 for one per processor.
-        options: of `Batch`, see `OF_BATCH`.
+        options: further options of `Batch`, see `OF_BATCH`.
 
     Attributes:
         batch: the worlds.
@@ -63,7 +63,7 @@ class LawsOfWorlds:
                 self._name(world, one.law)
         else:
             for one in _examples(self._distribution, model):
-                self.batch.set_law(one.law, [0])  # which refuses what compiled code does not take
+                self.batch.set_law(one.law, [0])  # raises if compiled code does not cover the law
 
     @property
     def in_force(self) -> tuple[Law, ...]:
@@ -71,18 +71,18 @@ class LawsOfWorlds:
         return tuple(one.law for one in self._now)
 
     def begin(self, worlds: Sequence[int], given: Mapping[str, Any], seeds: Sequence[int | None]) -> None:
-        """Let worlds have the laws of the episodes that begin: as given, drawn, or their own.
+        """Set the laws of episodes that begin: those given, those drawn, or the standing ones.
 
-        If one fails, all stay what they were, and nothing is drawn.
+        If a law is refused, no law changes, and no random number is used up.
 
         Args:
-            worlds: their numbers.
-            given: "law" and "restitution", if they are given.
-            seeds: of each of these worlds, from which its laws are drawn anew; None to go on.
+            worlds: numbers of the worlds.
+            given: options "law" and "restitution", if given.
+            seeds: for each of these worlds a seed for drawing its laws, or None to continue its generator.
         """
         drawn = self._distribution is not None
         sources = {world: copy.deepcopy(self._sources[world]) for world in worlds} if drawn else {}
-        for source, seed in zip(sources.values(), seeds, strict=False):  # none, if no laws are drawn
+        for source, seed in zip(sources.values(), seeds, strict=False):  # sources is empty if no laws are drawn
             source.begin(seed)
         asked = {world: self._of_episode(world, given, sources.get(world)) for world in worlds}
         changed = [world for world, one in asked.items() if drawn or one is not self._now[world]]
@@ -91,16 +91,16 @@ class LawsOfWorlds:
             self._sources[world] = source
 
     def set(self, name: str, values: Any) -> None:
-        """Let "law" or "restitution" of all worlds be another, or one for each, from now on; none is drawn any more.
+        """Set "law" or "restitution" of all worlds, to one value or one per world, permanently; end drawing of laws.
 
-        A restitution goes with a law that was given by its name: the one in force, and the one that stands, if an
-        episode has another one.
+        A restitution is combined with the law that was given by name: with the law in force and, if the episode has a
+        law of its own, also with the standing law.
 
         Raises:
-            OptionError: there is not one for each world.
-            UnknownNameError: no such law; all stay what they were.
-            RestitutionError: the restitution does not fit the law; all stay what they were.
-            SceneError: compiled code does not take a law; all stay what they were.
+            OptionError: the number of values is not that of the worlds.
+            UnknownNameError: there is no such law; no law changes.
+            RestitutionError: the restitution does not fit the law; no law changes.
+            SceneError: compiled code does not cover a law; no law changes.
         """
         every = each(f"values of {name}", values, len(self._own))
         now, own = zip(*(self._changed(world, name, value) for world, value in enumerate(every)), strict=True)
@@ -108,7 +108,7 @@ class LawsOfWorlds:
         self._own, self._distribution = list(own), None
 
     def _changed(self, world: int, name: str, value: Any) -> tuple[Asked, Asked]:
-        """Return what is in force in a world, and what stands there, where one of its options is another."""
+        """Return the law in force and the standing law of a world, after a change of one option."""
         own, now, options = self._own[world], self._now[world], {name: value}
         together = name == "law" or own is now or self._distribution is not None
         asked = (now,) if together else (now, own)
@@ -121,7 +121,7 @@ class LawsOfWorlds:
         return changed[0], changed[-1]
 
     def info(self) -> dict[str, np.ndarray]:
-        """Return the laws in force, as a vector environment tells them."""
+        """Return the entries of a vector environment's info about the laws in force."""
         told = {name: value.copy() for name, value in self._named.items()}
         has_one = ~np.isnan(told["impact/restitution"])
         return told | {"_impact/law": np.ones(len(has_one), bool), "_impact/restitution": has_one}
@@ -144,10 +144,10 @@ class LawsOfWorlds:
 
 
 def _check_options(options: Any) -> None:
-    """Refuse options that a batch does not have.
+    """Check options of a batch.
 
     Raises:
-        OptionError: they are no mapping.
+        OptionError: the options are not a mapping.
         UnknownNameError: there is no such option.
     """
     if not isinstance(options, Mapping):
@@ -158,7 +158,7 @@ def _check_options(options: Any) -> None:
 
 
 def _examples(laws: LawDistribution, model: mujoco.MjModel) -> list[Asked]:
-    """Return one law of each kind; refuse friction that is to be drawn, too."""
+    """Return one example of each law of a distribution; raise OptionError if it also draws friction."""
     if laws.friction is not None:
         raise OptionError("friction of many worlds is settled when they are made (batch_options): leave it out of laws")
     examples = [(given["law"], given.get("restitution")) for given in laws.examples()]

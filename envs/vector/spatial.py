@@ -1,4 +1,4 @@
-"""Gymnasium's robots in space in many worlds: Ant and Humanoid, with their observations and rewards."""
+"""Many worlds of gymnasium's robots in space, Ant and Humanoid, with their observations and rewards."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from impactlaw.envs.vector.task import Outcome, step_worlds
 
 
 class Robot:
-    """The task of a robot of gymnasium, whose numbers are those of gymnasium's own environment.
+    """The task of one of gymnasium's robots, with observations and rewards equal to those of gymnasium's environment.
 
     Args:
-        name: of that environment.
-        options: of that environment, such as ``ctrl_cost_weight``.
+        name: name of gymnasium's environment.
+        options: arguments of gymnasium's environment, such as ``ctrl_cost_weight``.
     """
 
     keyframe = -1
@@ -30,25 +30,25 @@ class Robot:
         self.frame_skip: int = env.frame_skip
         self.observation_space: spaces.Box = env.observation_space
         self._first = env.init_qpos.copy(), env.init_qvel.copy()
-        self._normal = name.startswith(("Ant", "HalfCheetah"))  # whose first velocities are normally distributed
+        self._normal = name.startswith(("Ant", "HalfCheetah"))  # their initial velocities are normally distributed
         env.close()
 
     def bind(self, batch: Batch) -> None:
-        """Take worlds."""
+        """Bind the task to the worlds of a batch."""
         self._batch = batch
         self._qpos, self._qvel, self._ctrl = (batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
 
     def start(self, world: int, rng: np.random.Generator) -> None:
-        """Draw a state about the first one."""
+        """Draw an initial state, with noise about the nominal one."""
         noise, (qpos, qvel), nv = self._env._reset_noise_scale, self._first, self.model.nv
         self._qpos[world] = qpos + rng.uniform(-noise, noise, self.model.nq)
         drawn = noise * rng.standard_normal(nv) if self._normal else rng.uniform(-noise, noise, nv)
         self._qvel[world] = qvel + drawn
 
     def _advance(self, worlds: np.ndarray, action: np.ndarray) -> np.ndarray:
-        """Step worlds; return which have left the finite numbers, bool (n,): they are not stepped.
+        """Step worlds; return which of them diverged, bool (n,): their steps are undone.
 
-        MuJoCo would set controls that are not finite, or huge, to 0 and go on.
+        Controls that are not finite, or huge, count as divergence; MuJoCo would set them to 0 and continue.
         """
         self._ctrl[worlds] = action
         fine = np.abs(self._ctrl[worlds]).max(axis=1) <= mujoco.mjMAXVAL
@@ -60,7 +60,8 @@ class Robot:
 class Spatial(Robot):
     """The task of a robot that moves in space.
 
-    ``cfrc_ext`` has what contact does in the last timestep of a step, as under rigid time stepping of one environment.
+    ``cfrc_ext`` holds the contact forces in the last timestep of a step, as in a single environment with rigid time
+    stepping.
     """
 
     def __init__(self, name: str, **options: Any):
@@ -72,7 +73,7 @@ class Spatial(Robot):
         self._share = mass / mass.sum() if trunk is None else trunk.astype(float)
 
     def bind(self, batch: Batch) -> None:
-        """Take worlds."""
+        """Bind the task to the worlds of a batch."""
         super().bind(batch)
         self._places = batch.bind("xpos" if self._ant else "xipos")
         self._felt, self._force = batch.bind("cfrc_ext"), np.zeros((batch.nsim, self.model.nbody, 6))
@@ -82,21 +83,21 @@ class Spatial(Robot):
         self._tendons = {f"tendon_{name}": batch.bind(f"ten_{name}") for name in tendons}
 
     def start(self, world: int, rng: np.random.Generator) -> None:
-        """Draw a state about the first one."""
+        """Draw an initial state, with noise about the nominal one."""
         super().start(world, rng)
         self._batch.forward([world])
         self._force[world] = 0.0
 
     def _positions(self, worlds: np.ndarray) -> np.ndarray:
-        """Return where robots are, (n, 2): that of their trunk, or of their centre of mass."""
+        """Return the horizontal positions of robots, (n, 2): of Ant's trunk, of Humanoid's centre of mass."""
         places, mass = self._places[worlds, :, :2], None if self._ant else self._batch.expanded("body_mass")
         if mass is None:
             return np.einsum("b,nbj->nj", self._share, places)
-        mass = mass[worlds]  # worlds whose bodies have masses of their own
+        mass = mass[worlds]  # masses differ between worlds
         return np.einsum("nb,nbj->nj", mass / mass.sum(axis=1, keepdims=True), places)
 
     def observe(self) -> np.ndarray:
-        """Return observations of all worlds."""
+        """Return the observations of all worlds."""
         n = self._batch.nsim
         seen = [self._qpos[:, self._hidden :], self._qvel]
         for part in self._parts:

@@ -1,4 +1,4 @@
-"""What many worlds are for: how a task begins, steps and judges them."""
+"""The interface of a task in many worlds: how it starts, steps, observes and rewards them."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from impactlaw.errors import WorldsFailedError
 
 
 class Outcome(NamedTuple):
-    """What follows from steps of worlds.
+    """The outcome of one environment step in n worlds.
 
     Attributes:
-        reward: (n,).
-        terminated: whether their episodes end, bool (n,).
-        diverged: whether the simulation has left the finite numbers, bool (n,): they are where the step began.
-        info: what else there is to know, (n, ..) each.
+        reward: rewards, (n,).
+        terminated: whether the episodes terminate, bool (n,).
+        diverged: whether the simulation diverged, bool (n,); these worlds are in the state before the step.
+        info: further entries of ``info``, (n, ..) each.
     """
 
     reward: np.ndarray
@@ -29,14 +29,14 @@ class Outcome(NamedTuple):
 
 
 class Task(Protocol):
-    """What worlds are for.
+    """A task in many worlds.
 
     Attributes:
-        model: of all worlds.
-        keyframe: to which the batch resets a world; -1 for none.
-        observation_space: of one world.
-        action_space: of one world.
-        frame_skip: timesteps of a step.
+        model: the model of all worlds.
+        keyframe: keyframe to which the batch resets a world; -1 for the initial state of the model.
+        observation_space: observation space of one world.
+        action_space: action space of one world.
+        frame_skip: timesteps per step.
     """
 
     model: mujoco.MjModel
@@ -46,27 +46,27 @@ class Task(Protocol):
     frame_skip: int
 
     def bind(self, batch: Batch) -> None:
-        """Take these worlds."""
+        """Bind the task to the worlds of a batch."""
         ...
 
     def start(self, world: int, rng: np.random.Generator) -> None:
-        """Let a world, which the batch has reset, begin an episode."""
+        """Begin an episode in a world that the batch has reset."""
         ...
 
     def step(self, worlds: np.ndarray, action: np.ndarray) -> Outcome:
-        """Take one step of the environment in some worlds, int (n,), with an action for each, and judge it."""
+        """Take one environment step in some worlds, int (n,), with one action for each, and return the outcome."""
         ...
 
     def observe(self) -> np.ndarray:
-        """Return observations of all worlds, (nsim, ..)."""
+        """Return the observations of all worlds, (nsim, ..)."""
         ...
 
 
 def step_worlds(batch: Batch, worlds: np.ndarray, nstep: int = 1) -> np.ndarray:
-    """Take steps of some worlds, int (n,); return which have left the finite numbers, bool (n,): they are not stepped.
+    """Step some worlds, int (n,); return which of them diverged, bool (n,): their steps are undone.
 
     Raises:
-        WorldsFailedError: some have failed in another way.
+        WorldsFailedError: some worlds failed for another reason.
     """
     try:
         batch.step(None if len(worlds) == batch.nsim else worlds.tolist(), nstep)

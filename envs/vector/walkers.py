@@ -1,4 +1,4 @@
-"""Gymnasium's planar robots in many worlds: Hopper, Walker2d, HalfCheetah, with their observations and rewards."""
+"""Many worlds of gymnasium's planar robots, Hopper, Walker2d and HalfCheetah, with their observations and rewards."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from impactlaw.errors import OptionError
 from impactlaw.laws import Law
 
 _IS = {"scheme": "time-stepping", "log": None, "render_mode": None}
-"""What rigid worlds are."""
+"""Options of single environments, with the values that describe rigid worlds and are therefore accepted."""
 _PICTURES = ("width", "height", "camera_id", "camera_name")
 _OF_SINGLE = (*_IS, *OF_BATCH, *_PICTURES, "log_every", "contacts", "limits", "impulse_in_cfrc_ext")
 
@@ -36,7 +36,7 @@ class Planar(Robot):
         self._ends = bool(getattr(env, "_terminate_when_unhealthy", False))
 
     def observe(self) -> np.ndarray:
-        """Return observations of all worlds."""
+        """Return the observations of all worlds."""
         seen = self._qvel if self._cheetah else np.clip(self._qvel, -10.0, 10.0)
         return np.concatenate([self._qpos[:, self._hidden :], seen], axis=1)
 
@@ -78,27 +78,28 @@ def make_robots(
     batch_options: Mapping[str, Any] | None = None,
     **options: Any,
 ) -> VectorWorlds:
-    """Return worlds of a robot of gymnasium under an impact law.
+    """Return worlds of one of gymnasium's robots under an impact law.
 
     Args:
         num_envs: number of worlds.
-        name: of gymnasium's environment.
-        law: name of the law, or a law, or a list with one for each world, or a `LawDistribution`, from which each world
-            draws the law of each of its episodes.
-        restitution: of laws that are given by their names, or a list or an array with one for each world; 0 if a law
-            needs one and none is given.
-        contact_model: "rigid", which is time stepped, or "soft": see `impactlaw.Batch`.
+        name: name of gymnasium's environment.
+        law: a law or its name, or a list with one for each world, or a `LawDistribution`, from which each world draws a
+            law for each episode.
+        restitution: argument of laws given by name, or a list or an array with one for each world; 0 if a law needs one
+            and neither this argument nor the scene gives one.
+        contact_model: "rigid", which is time stepped, or "soft"; see `impactlaw.Batch`.
         nthread: number of threads; 0 for one per processor.
-        max_episode_steps: steps after which an episode is truncated.
-        batch_options: of `impactlaw.Batch`.
-        options: of gymnasium's environment, but not for pictures; scheme="time-stepping" may be said of rigid worlds.
+        max_episode_steps: number of steps after which an episode is truncated.
+        batch_options: options of `impactlaw.Batch`.
+        options: arguments of gymnasium's environment, except those for pictures; rigid worlds also accept
+            scheme="time-stepping".
 
     Raises:
-        UnknownNameError: no such law, or no such contact model.
-        RestitutionError: a law does not fit the scene, or has a restitution of its own.
-        SceneError: compiled code does not take a law.
-        OptionError: a number of worlds or threads that cannot be, or not one law for each world, or an option that
-            only single environments have.
+        UnknownNameError: there is no such law, or no such contact model.
+        RestitutionError: a law does not fit the scene, or a restitution is given for a law that has its own.
+        SceneError: compiled code does not cover a law.
+        OptionError: the number of worlds or threads is invalid, the number of laws is not that of the worlds, or an
+            option is one that only single environments support.
     """
     options = _of_robots(name, options, contact_model)
     task = (Spatial if name in ("Ant-v5", "Humanoid-v5") else Planar)(name, **options)
@@ -110,7 +111,7 @@ def make_robots(
 
 
 def _of_robots(name: str, options: dict[str, Any], contact_model: str) -> dict[str, Any]:
-    """Return the options of gymnasium's environment alone; refuse what is for single environments or rigid worlds."""
+    """Return the options of gymnasium's environment; raise on those for single environments or rigid worlds."""
     if contact_model == "soft" and options.get("scheme") is not None:
         raise OptionError("scheme means nothing to soft steps; leave it out")
     left = {option: value for option, value in options.items() if option not in _IS or value != _IS[option]}

@@ -1,4 +1,4 @@
-"""A vectorized environment over `impactlaw.Batch`: one task in many worlds, with laws of their own."""
+"""A vectorized environment over `impactlaw.Batch`: one task in many worlds, each with its own law."""
 
 from __future__ import annotations
 
@@ -28,33 +28,34 @@ _SINGLE = "make single environments, which have it, or new worlds"
 
 
 class VectorWorlds(VectorEnv):
-    """Worlds of one task under impact laws.
+    """Many worlds of one task under impact laws, as a gymnasium `VectorEnv`.
 
-    A world whose episode has ended is reset by the next step, which ignores its action (`AutoresetMode.NEXT_STEP`).
-    Where the simulation leaves the finite numbers, the episode is truncated where the step began, and
-    ``info["impact/diverged"]`` is 1.
-    World i of ``reset(seed=s)`` starts as a single environment after ``reset(seed=s + i)``. ``info`` has "impact/law"
-    and "impact/restitution" of all worlds, NaN where a law has not just one, at resets and steps: the laws that the
-    worlds were given by the environment.
+    After the end of an episode, the next step resets its world and ignores the action (`AutoresetMode.NEXT_STEP`). If
+    the simulation of a world diverges, its state returns to the start of the step, its episode is truncated, and
+    ``info["impact/diverged"]`` is 1. World i starts after ``reset(seed=s)`` like a single environment after
+    ``reset(seed=s + i)``.
+
+    At resets and steps, ``info`` has "impact/law" and "impact/restitution" of all worlds, as set through this
+    environment; the restitution is NaN if a law does not have exactly one.
 
     Args:
-        task: what the worlds are for.
+        task: the task of the worlds.
         num_envs: number of worlds.
-        law: the law of all worlds, or a list with one for each, as they were asked for, or a `LawDistribution` from
-            which each world draws the law of each of its episodes.
-        contact_model: of `Batch`.
+        law: the law of all worlds, or a list with one for each, or a `LawDistribution` from which each world draws a
+            law for each episode.
+        contact_model: option of `Batch`.
         nthread: number of threads; 0 for one per processor.
-        max_episode_steps: steps after which an episode is truncated; None for no limit.
-        options: of `Batch`.
+        max_episode_steps: number of steps after which an episode is truncated; None for no limit.
+        options: further options of `Batch`.
 
     Attributes:
-        batch: the worlds; restitution and laws can be set there between steps.
+        batch: the worlds; restitution and laws can also be set there between steps.
 
     Raises:
-        OptionError: a number that cannot be, not one law for each world, or options that are no mapping.
-        UnknownNameError: no such law, or no such option.
+        OptionError: a number is invalid, the number of laws is not that of the worlds, or options are not a mapping.
+        UnknownNameError: there is no such law, or no such option.
         RestitutionError: a law does not fit the scene.
-        SceneError: compiled code does not take the scene, or a law.
+        SceneError: compiled code does not cover the scene, or a law.
     """
 
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012  (as gymnasium declares it)
@@ -89,7 +90,7 @@ class VectorWorlds(VectorEnv):
         self._rngs = [seeding.np_random(None)[0] for _ in range(num_envs)]
         self._elapsed, self._over = np.zeros(num_envs, int), np.ones(num_envs, bool)
         self._begun = False
-        # what single environments or a `Batch` have, as it is here; setting it later is an error
+        # options that single environments or a `Batch` also have; they can be read, but not set
         given, rigid = options or {}, self.batch.contact_model == "rigid"
         self.nthread, self.frame_skip, self.max_episode_steps = nthread, task.frame_skip, max_episode_steps
         self.friction, self.rest_speed = given.get("friction", "coulomb"), given.get("rest_speed")
@@ -100,17 +101,15 @@ class VectorWorlds(VectorEnv):
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begin a new episode in all worlds, or where ``options["reset_mask"]``, bool (n,), says so.
-
-        "law" and "restitution" among the options are for the episodes that begin, as `ImpactEnv.reset` takes them.
+        """Begin a new episode in all worlds, or in those selected by ``options["reset_mask"]``, bool (n,).
 
         Args:
-            seed: one number, or one for each world, where None leaves the generator of that world as it is.
-            options: see above.
+            seed: one seed, or a list with one for each world, where None leaves the generator of that world unchanged.
+            options: "reset_mask"; "law" and "restitution" for the episodes that begin, as in `ImpactEnv.reset`.
 
         Raises:
             UnknownNameError: there is no such option, or no such law.
-            OptionError: the seeds or the mask do not fit the worlds, or the options are no mapping.
+            OptionError: the seeds or the mask do not fit the worlds, or the options are not a mapping.
             RestitutionError: the restitution does not fit the law.
         """
         check_reset(options, ("reset_mask", *_OPTIONS))
@@ -122,7 +121,7 @@ class VectorWorlds(VectorEnv):
         return self._task.observe(), self._laws.info()
 
     def _chosen(self, mask: Any) -> np.ndarray:
-        """Return the numbers of the worlds of a mask; refuse what is not one bool for each world."""
+        """Return the numbers of the worlds in a mask; raise OptionError unless it is one bool per world."""
         mask = np.asarray(mask)
         if mask.dtype != bool or mask.shape != (self.num_envs,):
             raise OptionError(
@@ -131,7 +130,7 @@ class VectorWorlds(VectorEnv):
         return np.flatnonzero(mask)
 
     def _seeds(self, seed: Any) -> list[int | None]:
-        """Return the seed of each world, None for none; refuse what is no whole number, 0 or more, nor one for each."""
+        """Return the seed of each world, or None; raise OptionError for invalid seeds or a wrong number of them."""
         if isinstance(seed, int | np.integer):
             seeds: list[Any] = [int(seed) + i for i in range(self.num_envs)] if seed >= 0 else [seed]
         else:
@@ -145,25 +144,25 @@ class VectorWorlds(VectorEnv):
         return [None if one is None else int(one) for one in seeds]
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Let "law" or "restitution" of all worlds be another, or one for each; it is in force from now on, and stays.
+        """Set "law" or "restitution" of all worlds, to one value or one per world, from the next step on, permanently.
 
-        A restitution goes with a law that was given by its name. A `LawDistribution` draws no more.
+        A restitution is combined with a law that was given by name. A `LawDistribution` is no longer drawn from.
 
         Raises:
-            SettledError: anything else is settled when the worlds are made.
-            OptionError: there is not one value for each world.
-            UnknownNameError: no such law; all stay what they were.
-            RestitutionError: the restitution does not fit the law; all stay what they were.
+            SettledError: name is another attribute, which is fixed when the worlds are made.
+            OptionError: the number of values is not that of the worlds.
+            UnknownNameError: there is no such law; no law changes.
+            RestitutionError: the restitution does not fit the law; no law changes.
         """
         if name not in _OPTIONS:
             raise SettledError(f"{name} of worlds is settled when they are made; only law and restitution can be set")
         self._laws.set(name, values)
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """Return an attribute as `get_attr` does, as gymnasium's vector environments do by this name.
+        """Return an attribute as `get_attr` does; gymnasium's vector environments also allow this.
 
         Raises:
-            UnsupportedError: it is a method: no world is an environment that has one.
+            UnsupportedError: the attribute is a method: worlds are not environments with methods of their own.
         """
         if args or kwargs or callable(getattr(self, name)):
             raise UnsupportedError(
@@ -173,12 +172,12 @@ class VectorWorlds(VectorEnv):
         return self.get_attr(name)
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
-        """Return "law" or "restitution" in force in each world, or another attribute of all, once for each."""
+        """Return "law" or "restitution" in force in each world, or another attribute, repeated for each world."""
         return getattr(self, name) if name in _OPTIONS else (getattr(self, name),) * self.num_envs
 
     @property
     def law(self) -> tuple[Law, ...]:
-        """The law in force in each world; set it as `set_attr` does."""
+        """The law in force in each world; assigning to it calls `set_attr`."""
         return self._laws.in_force
 
     @law.setter
@@ -187,7 +186,7 @@ class VectorWorlds(VectorEnv):
 
     @property
     def restitution(self) -> tuple[float, ...]:
-        """The restitution in force in each world, NaN where it has not just one; set it as `set_attr` does."""
+        """The restitution in force in each world, NaN if a law has not exactly one; assigning calls `set_attr`."""
         return tuple(self._laws.info()["impact/restitution"].tolist())
 
     @restitution.setter
@@ -195,13 +194,13 @@ class VectorWorlds(VectorEnv):
         self.set_attr("restitution", restitution)
 
     def __copy__(self) -> VectorWorlds:
-        """Refuse to be copied, as the batch does: the copy would step the same worlds."""
+        """Raise CopyError, as the batch does: a copy would step the same worlds."""
         raise CopyError("worlds cannot be copied: they are in memory that compiled code holds; make other ones")
 
     def _begin(
         self, worlds: np.ndarray, seeds: Sequence[int | None], given: Mapping[str, Any] = MappingProxyType({})
     ) -> None:
-        self._laws.begin(worlds.tolist(), given, seeds)  # first: what is refused changes nothing
+        self._laws.begin(worlds.tolist(), given, seeds)  # first, so that a refused law leaves the worlds unchanged
         self.batch.reset(worlds.tolist(), self._task.keyframe)
         for i, seed in zip(worlds.tolist(), seeds, strict=True):
             if seed is not None:
@@ -210,11 +209,11 @@ class VectorWorlds(VectorEnv):
         self._elapsed[worlds], self._over[worlds] = 0, False
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Step all worlds whose episode goes on, and reset the others.
+        """Step all worlds whose episode is running, and reset the others.
 
         Raises:
             ResetNeeded: there was no reset yet (gymnasium's own error).
-            ActionError: the actions are not numbers, one row for each world.
+            ActionError: the actions are not numbers, one row per world.
         """
         if not self._begun:
             raise ResetNeeded("episodes begin with reset(); call it before step()")
@@ -247,7 +246,7 @@ class VectorWorlds(VectorEnv):
         return dict(zip(("impact/count", "impact/inadmissible", "impact/short"), counted, strict=True))
 
     def _checked(self, actions: Any) -> np.ndarray:
-        """Return actions of all worlds; refuse what is no numbers, or has the wrong shape."""
+        """Return the actions of all worlds as an array; raise ActionError unless they are numbers of this shape."""
         wanted = self.action_space.shape
         try:
             found = np.asarray(actions)
