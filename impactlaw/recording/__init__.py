@@ -1,4 +1,4 @@
-"""Recordings of runs: `Recorder` writes a rerun file, `read_log` reads it back; the only part that knows rerun."""
+"""Record runs: `Recorder` writes a rerun file, `read_log` reads it back. No other package depends on rerun."""
 
 from impactlaw.recording.episodes import Episode, LawChange
 from impactlaw.recording.reader import Recording, WorstViolation, read_log

@@ -1,4 +1,4 @@
-"""Collisions on their way into a recording: the record, the line in the log and the mark in the scene of each."""
+"""Record collisions: for each one a row of the table, a line in the log and a mark in the scene."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from impactlaw.stepping.impact_event import ImpactEvent
 
 MARK_TIME = 0.05
-"""How long, in s of simulation time, the mark of a collision stays unless another one replaces it."""
+"""How long the mark of a collision is shown, in s of simulation time, unless another mark replaces it."""
 
 _NOWHERE = np.zeros((0, 3))
 
 
 def collision_record(model: mujoco.MjModel, data: mujoco.MjData, event: ImpactEvent) -> dict[str, Any]:
-    """Return what is kept of a collision of the scene, by the names of the collision table; `data` is overwritten."""
+    """Return the cells of a collision by the names of the collision table; `data` is a scratch copy of the state."""
     impact, contacts = event.impact, event.contacts
     violations = impact.violations
     common = {
@@ -95,22 +95,22 @@ def _moving(event: ImpactEvent) -> dict[str, Any]:
 
 
 class CollisionLog:
-    """Collisions since the last `send`.
+    """A buffer of collisions since the last `send`.
 
     Attributes:
-        law: as above; may be changed.
+        law: the law recorded with collisions, as text; may be changed.
     """
 
     def __init__(self, model: mujoco.MjModel, law: str, arrow_scale: float):
         self._model, self.law, self._arrow_scale = model, law, arrow_scale
-        self._data = mujoco.MjData(model)  # of collisions, whose configurations are not those of steps
+        self._data = mujoco.MjData(model)  # at the configuration of a collision, which differs from those of steps
         self._mark_steps = max(1, math.ceil(MARK_TIME / model.opt.timestep))
         self._count = 0
         self._clear_at: tuple[float, int] | None = None
         self._forget()
 
     def add(self, event: ImpactEvent, clock: float, *, episode: int, step: int) -> None:
-        """Take a collision up; ``clock`` is its place on the timeline, s."""
+        """Add a collision; ``clock`` is its time on the timeline, s."""
         where = {"index": self._count, "episode": episode, "step": step, "law": self.law}
         record = collision_record(self._model, self._data, event) | where
         self._count += 1
@@ -124,7 +124,7 @@ class CollisionLog:
         self._clear_at = clock + MARK_TIME, step + self._mark_steps
 
     def send(self, stream: Any, clock: float) -> None:
-        """Send what was added to a rerun stream; ``clock`` is where the timeline has got to, s."""
+        """Send the buffered collisions to a rerun stream; ``clock`` is the present time on the timeline, s."""
         import rerun as rr
 
         self._clear_marks(clock)

@@ -1,4 +1,4 @@
-"""Episodes of a recording: how each began, what every environment step was told and gave, and reading one back."""
+"""Episodes of a recording: write and read their starts, and the action and reward of every environment step."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ if TYPE_CHECKING:
 
 
 class EpisodeMarks:
-    """Starts of episodes, and environment steps, since the last `send`."""
+    """A buffer of episode starts, law changes and environment steps since the last `send`."""
 
     def __init__(self) -> None:
         self._rows: dict[str, list[tuple[float, int, dict[str, Any]]]] = {path: [] for path in layout.MARKED}
 
     def begin(self, clock: float, frame: int, start: dict[str, Any]) -> None:
-        """Take up how the episode begins whose first frame this is; ``clock`` is its place on the timeline, s."""
+        """Add the start of an episode whose first frame this is; ``clock`` is its time on the timeline, s."""
         self._rows[layout.EPISODES].append((clock, frame, start))
 
     def change_law(self, clock: float, frame: int, change: dict[str, Any]) -> None:
-        """Take up another law, under which this frame is the first one."""
+        """Add a change of law that takes effect with this frame."""
         self._rows[layout.CHANGES].append((clock, frame, change))
 
     def end_step(self, clock: float, frame: int, action: Any, reward: Any, ended: tuple[bool, bool]) -> None:
-        """Take up an environment step that ends with this frame."""
+        """Add an environment step that ends with this frame."""
         terminated, truncated = ended
         try:
             told = np.asarray(action)
@@ -55,7 +55,7 @@ class EpisodeMarks:
         self._rows[layout.STEPS].append((clock, frame, step))
 
     def send(self, stream: Any) -> None:
-        """Send what was added to a rerun stream."""
+        """Send the buffered rows to a rerun stream, and clear the buffer."""
         for path, rows in self._rows.items():
             if rows:
                 (kind, names), (clocks, frames, cells) = layout.MARKED[path], zip(*rows, strict=True)
@@ -65,7 +65,7 @@ class EpisodeMarks:
 
 
 def _as_floats(told: np.ndarray) -> np.ndarray:
-    """Return the same numbers as float64, flat; refuse those that are no longer the same as it."""
+    """Return numbers as a flat float64 array; raise ValueError if it cannot represent them exactly."""
     if told.dtype.kind not in "biuf":
         raise TypeError
     numbers = told.ravel().astype(float)
@@ -81,10 +81,10 @@ class LawChange:
     """A law that was set within an episode.
 
     Attributes:
-        step: environment steps of the episode before it: it is in force from the step of this number on, from 0.
-        frame: the first frame of the episode under it.
-        law: as text.
-        value: plain values, which ``env.law`` takes; None if it could not be written down so.
+        step: environment step from which the law is in force, counted from 0 in the episode.
+        frame: first frame of the episode under the law.
+        law: the law as text.
+        value: the law as plain values, which can be assigned to ``env.law``; None if it could not be written so.
     """
 
     step: int
@@ -95,25 +95,26 @@ class LawChange:
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """One episode of a recording; `impactlaw.envs.restart` puts an environment to its start.
+    """One episode of a recording; `impactlaw.envs.restart` resets an environment to its start.
 
     Attributes:
-        number: of the episode.
-        seed: that it was reset with; None if with none.
-        generator: state of the environment's random generator before the reset; None if not known.
-        law: the law at its start, as text; None if not known.
-        settings: law and ways to step at its start, as ``reset(options=...)`` takes them; empty if not known.
-        time: of the frames, s, (n,): the start, and the end of every timestep.
-        qpos: (n, nq).
-        qvel: (n, nv).
-        actions: one per environment step, of its type and shape, (k, ...); where these differ, objects, (k,); none
-            where no environment was told.
-        rewards: (k,).
-        frame: which frame each environment step ends with, int (k,).
-        ended: "terminated", "truncated", or "" where it was given up, or ended by what is around the environment.
-        scene: name of the environment, or of the scene; None if not known.
-        contact_model: "rigid" or "soft"; None if not known.
-        made: how the environment was made, by names of options; empty if not known.
+        number: number of the episode.
+        seed: seed of the reset; None if it had no seed.
+        generator: state of the environment's random generator before the reset; None if unknown.
+        law: the law at the start, as text; None if unknown.
+        settings: law and options of stepping at the start, as accepted by ``reset(options=...)``; empty if unknown.
+        time: times of the frames, s, (n,): the start of the episode, and the end of every timestep.
+        qpos: positions, (n, nq).
+        qvel: velocities, (n, nv).
+        actions: one action per environment step, in its own type and shape, (k, ...), or as objects, (k,), if these
+            differ between steps; empty if no environment steps were recorded.
+        rewards: rewards, (k,).
+        frame: last frame of each environment step, int (k,).
+        ended: "terminated", "truncated", or "" if the episode was abandoned or ended by a wrapper outside the recorded
+            environment.
+        scene: name of the environment, or of the scene; None if unknown.
+        contact_model: "rigid" or "soft"; None if unknown.
+        made: how the environment was made, by names of options; empty if unknown.
         law_changes: laws that were set within the episode, in order.
     """
 
@@ -136,9 +137,14 @@ class Episode:
 
 
 def read_episodes(entities: dict[str, Entity], time: np.ndarray, scene: str | None) -> tuple[Episode, ...]:
-    """Return the episodes of a recording of a scene whose frames have these times, (n,).
+    """Return the episodes of a recording.
 
-    Where no starts are written, an episode begins where time goes back.
+    If the recording holds no starts of episodes, an episode begins wherever time does not increase.
+
+    Args:
+        entities: the recording.
+        time: times of its frames, s, (n,).
+        scene: name of its scene.
     """
     n = len(time)
     if not n:
@@ -150,7 +156,7 @@ def read_episodes(entities: dict[str, Entity], time: np.ndarray, scene: str | No
     else:
         first = entity.step
         cells = {name: entity.cells(f"{layout.EPISODE}:{name}") for name in layout.EPISODE_COLUMNS}
-        known = {name: row for name, row in cells.items() if row}  # files of older versions have less
+        known = {name: row for name, row in cells.items() if row}  # files of older versions have fewer columns
         starts = [{name: row[i][0] if row[i] else None for name, row in known.items()} for i in range(len(first))]
     ends = np.append(first[1:], n)
     return tuple(
@@ -199,7 +205,7 @@ def _episode(entities: dict[str, Entity], time: np.ndarray, start: dict[str, Any
 
 
 def _law_changes(entity: Entity | None, begin: int, end: int, frame: np.ndarray) -> tuple[LawChange, ...]:
-    """Return the changes between two frames of a recording, in an episode whose environment steps end with frames."""
+    """Return the changes of law from frame begin to frame end, an episode whose steps end with the frames in frame."""
     if entity is None:
         return ()
     laws, values = (entity.cells(f"{layout.CHANGE}:{name}") for name in layout.CHANGE_COLUMNS)
@@ -223,10 +229,10 @@ def _actions(rows: list[list[float]], kinds: list[str]) -> np.ndarray:
 
 
 def episode_table(episodes: tuple[Episode, ...], collisions: pd.DataFrame) -> pd.DataFrame:
-    """Return one row per episode.
+    """Return a table with one row per episode.
 
-    Columns: ``episode``; ``seed``; ``law`` at its start; ``frames``; ``steps`` of the environment; ``duration``, s;
-    ``return``, the sum of its rewards; how it ``ended``; ``collisions``.
+    Columns: ``episode``, its number; ``seed``; ``law`` at its start; ``frames``; ``steps``, of the environment;
+    ``duration``, s; ``return``, the sum of its rewards; ``ended``, see `Episode`; ``collisions``, their number.
     """
     import pandas as pd
 

@@ -1,4 +1,4 @@
-"""A model's geoms as rerun archetypes: one group, drawn by one entity, per kind of primitive."""
+"""Convert a model's geoms to rerun archetypes: one group per kind of primitive, drawn by one entity."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from impactlaw.recording.layout import SCENE
 from impactlaw.scene.contacts import geom_names
 
 _PRIMITIVES = ("plane", "hfield", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
-_NO_RGBA = np.array([0.5, 0.5, 0.5, 1.0], dtype=np.float32)  # a geom with this colour shows its material's
+_NO_RGBA = np.array([0.5, 0.5, 0.5, 1.0], dtype=np.float32)  # MuJoCo's default: the material's colour is shown
 _INFINITE = 5.0  # half side of an infinite plane, in extents of the model
 
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """Geoms that one entity draws, each placed by the pose of its body."""
+    """Geoms drawn by one entity, each placed by the pose of its body."""
 
-    path: str  # the entity
+    path: str  # path of the entity
     bodies: np.ndarray  # body id of each geom
-    archetype: Any  # what rerun draws, in the frames of the bodies
+    archetype: Any  # rerun's archetype, in the frames of the bodies
     fixed: bool  # whether the bodies never move
 
 
@@ -45,7 +45,7 @@ def read_geometry(model: mujoco.MjModel) -> list[Group]:
 
 
 def colors(model: mujoco.MjModel) -> np.ndarray:
-    """Return the colour of each geom as MuJoCo shows it, RGBA in 0..255: its own, or else its material's."""
+    """Return the colour of each geom as MuJoCo shows it, RGBA in 0..255: its own or its material's."""
     rgba = np.array(model.geom_rgba)
     material = model.geom_matid
     from_material = (material >= 0) & (rgba == _NO_RGBA).all(axis=1)
@@ -54,7 +54,7 @@ def colors(model: mujoco.MjModel) -> np.ndarray:
 
 
 def body_names(model: mujoco.MjModel) -> list[str]:
-    """Return the name of each body, ``body<id>`` where it has none, and "_" after that while another body has it."""
+    """Return a unique name of each body: its own, or ``body<id>``, with "_" appended while another body has it."""
     given, names = {model.body(i).name for i in range(model.nbody)}, []
     for i in range(model.nbody):
         name = f"body{i}"
@@ -82,13 +82,13 @@ def _primitives(model: mujoco.MjModel, kind: str, geoms: np.ndarray) -> Any:
             return rr.Ellipsoids3D(half_sizes=np.repeat(radius[:, None], 3, axis=1), centers=center, **style)
         case "ellipsoid":
             return rr.Ellipsoids3D(half_sizes=size, centers=center, **style)
-        case "capsule":  # rerun's begins at its origin
+        case "capsule":  # rerun's capsule begins at its origin
             return rr.Capsules3D(lengths=2 * half, radii=radius, translations=center - half[:, None] * axis, **style)
         case "cylinder":
             return rr.Cylinders3D(lengths=2 * half, radii=radius, centers=center, **style)
         case "box":
             return rr.Boxes3D(half_sizes=size, centers=center, **style)
-        case _:  # a plane: a thin slab below it
+        case _:  # a plane is drawn as a thin slab below it
             sides = np.where(size[:, :2] > 0, size[:, :2], _INFINITE * model.stat.extent)
             thickness = 1e-3 * model.stat.extent
             half_sizes = np.column_stack([sides, np.full(len(geoms), thickness)])
@@ -109,7 +109,7 @@ def _surface(model: mujoco.MjModel, geom: int) -> Any:
 
 
 def _mesh(model: mujoco.MjModel, mesh: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the corners of the triangles one after the other, and the normals that MuJoCo shades them with."""
+    """Return the corners of all triangles in sequence, and the normals with which MuJoCo shades them."""
     start, count = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
     corners = model.mesh_face[start : start + count].ravel() + model.mesh_vertadr[mesh]
     normals = model.mesh_facenormal[start : start + count].ravel() + model.mesh_normaladr[mesh]
@@ -117,7 +117,7 @@ def _mesh(model: mujoco.MjModel, mesh: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _height_field(model: mujoco.MjModel, field: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the corners of the triangles one after the other, and flat normals."""
+    """Return the corners of all triangles in sequence, and flat normals."""
     rows, columns = int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
     half_x, half_y, top, _ = model.hfield_size[field]
     start = model.hfield_adr[field]

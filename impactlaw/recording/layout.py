@@ -1,4 +1,4 @@
-"""What a recording file holds and where: the one place that writer and reader share."""
+"""The layout of a recording file, shared by writer and reader: names and types of its entities and columns."""
 
 from __future__ import annotations
 
@@ -12,29 +12,28 @@ if TYPE_CHECKING:
 
 APPLICATION = "impactlaw"
 FORMAT = 1
-"""Version of this layout; a file with another one is refused by the reader."""
+"""Version of this layout; the reader refuses files with another version."""
 
 SIM_TIME = "sim_time"  # timeline: seconds, episodes one after the other
 STEP = "step"  # timeline: frames from 0
 PROPERTIES = "impactlaw"  # name of the recording property, one JSON text per value
 SCENE, CONTACTS, ENERGY, COLLISIONS, MARKS = "scene", "contacts", "energy", "collisions", "collisions/marks"
-FRAMES = "frames"  # the exact times; apart from the energies, with which the viewer would plot them
+FRAMES = "frames"  # exact times, in an entity of their own: the viewer would plot them together with the energies
 
 ENERGIES = ("kinetic", "potential", "total")
-PLOTTED = ("intensity", "energy_change")  # columns of a collision that have a plot of their own
+PLOTTED = ("intensity", "energy_change")  # columns of collisions that the viewer plots
 
 FRAME_TIME = "impactlaw.Frame:time"
 STATE, STEPS, EPISODES = "state", "steps", "episodes"
 QPOS, QVEL = "impactlaw.State:qpos", "impactlaw.State:qvel"
 EPISODE, TAKEN = "impactlaw.Episode", "impactlaw.Step"
 STEP_COLUMNS = {"action": "floats", "kind": "text", "reward": "float", "terminated": "bool", "truncated": "bool"}
-"""What an environment step was told and gave, at the frame that it ends with; ``kind`` is type and shape of the action,
-as JSON."""
+"""Columns of an environment step, at its last frame; ``kind`` is the type and shape of the action, as JSON."""
 EPISODE_COLUMNS = {"number": "int", "seed": "int"} | dict.fromkeys(("law", "generator", "settings", "made"), "text")
-"""How an episode began, at its first frame; the last three are JSON, and empty cells are what is not known."""
+"""Columns of the start of an episode, at its first frame; the last three are JSON, and unknown values are empty."""
 CHANGES, CHANGE = "episodes/laws", "impactlaw.LawChange"
 CHANGE_COLUMNS = {"law": "text", "value": "text"}
-"""A law that was set within an episode, at the first frame under it; ``value`` is JSON."""
+"""Columns of a law set within an episode, at the first frame under it; ``value`` is JSON."""
 MARKED = {EPISODES: (EPISODE, EPISODE_COLUMNS), STEPS: (TAKEN, STEP_COLUMNS), CHANGES: (CHANGE, CHANGE_COLUMNS)}
 GEOMETRY_BODIES = "impactlaw.Geometry:bodies"
 COLLISION = "impactlaw.Collision"
@@ -45,10 +44,10 @@ COLLISION_COLUMNS = {
     "induced_impulse": "float", "kinetic_energy": "float", "energy_change": "float", "kinematic_violation": "float",
     "kinetic_violation": "float", "energetic_violation": "float", "residual": "float", "delassus": "floats",
 }  # fmt: skip
-"""The collision table: what one cell is; plural means one value per contact. Floats are float64.
+"""Types of the cells of the collision table; a plural means one value per contact. Floats are float64.
 
-``delassus`` is G of the contacts, and of their rows of friction after these, (h + k, h + k), row by row; empty where
-there are more than `MOST_COUPLED` rows, and in files of older versions, which have no such column."""
+``delassus`` is the Delassus matrix G of the contacts, followed by their rows of friction, (h + k, h + k), row by row.
+It is empty if there are more than `MOST_COUPLED` rows, and in files of older versions without this column."""
 MOST_COUPLED = 64
 
 EXTRA_COLUMNS = {
@@ -58,19 +57,19 @@ EXTRA_COLUMNS = {
     "surface_velocity": "floats", "post_surface_velocity": "floats", "surface_work": "float", "pre_speed": "float",
     "bilateral_rows": "int",
 }  # fmt: skip
-"""Columns that a file has only if a collision in it has friction, moving surfaces or bilateral constraints.
+"""Columns that a file has only if one of its collisions has friction, moving surfaces or bilateral constraints.
 
 Coefficients of friction (1, or m), friction impulses (N s, or N m s) and sliding velocities (m/s, or rad/s) have one
-value per row of friction, which belongs to the contact ``friction_contact``; ``tangential_impulse`` is that of sliding,
-per contact, in the world frame. Of a collision without any of it a cell is empty, or has the value in
-`EXTRA_DEFAULTS`."""
+value per row of friction, which belongs to the contact ``friction_contact``. ``tangential_impulse`` is the impulse of
+sliding friction of each contact, in the world frame. For a collision without these features a cell is empty, or has the
+value in `EXTRA_DEFAULTS`."""
 EXTRA_DEFAULTS: dict[str, float | int] = {
     "restitution_scale": 1.0, "surface_work": 0.0, "pre_speed": float("nan"), "bilateral_rows": 0,
 }  # fmt: skip
 
 
 def cell_type(kind: str) -> pyarrow.DataType:
-    """Return the arrow type of one value of a cell of that kind."""
+    """Return the arrow type of one value in a cell of a kind, such as "float" or "floats"."""
     import pyarrow as pa
 
     return {
@@ -83,12 +82,12 @@ def cell_type(kind: str) -> pyarrow.DataType:
 
 
 class Column:
-    """One column of own values; rerun's own ``AnyValues`` would drop an empty one.
+    """A column of values for rerun; rerun's own ``AnyValues`` would drop empty columns.
 
     Args:
         name: ``"archetype:component"``.
-        kind: see `impactlaw.recording.layout.cell_type`; plural when a cell is a sequence.
-        cells: one per row; None leaves it empty.
+        kind: see `impactlaw.recording.layout.cell_type`; plural if a cell is a sequence.
+        cells: one cell per row; None for an empty cell.
     """
 
     def __init__(self, name: str, kind: str, cells: Sequence[Any] | np.ndarray):
@@ -110,7 +109,7 @@ class Column:
 
 
 def time_columns(clock: Sequence[float] | np.ndarray, step: Sequence[int] | np.ndarray) -> list[Any]:
-    """Return the two timelines of rows at these times, in s, and frames."""
+    """Return the two timelines of rows, from their times, s, and frames."""
     import rerun as rr
 
     nanoseconds = np.rint(1e9 * np.asarray(clock, dtype=float)).astype("timedelta64[ns]")

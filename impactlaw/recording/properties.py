@@ -1,4 +1,4 @@
-"""What a recording says about its run as a whole."""
+"""The properties of a run that are recorded once."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PROPERTY_NAMES = ("format", "scene", "law", "restitution", "timestep", "integrat
 def run_properties(
     model: mujoco.MjModel, *, law: Any, restitution: Any, scene: str | Path | None, seed: int | None
 ) -> dict[str, Any]:
-    """Return the properties of a run, all of them values that JSON has."""
+    """Return the properties of a run, as values that JSON can represent."""
     if restitution is None and isinstance(law, Law):
         restitution = law_restitution(law)
     model_name = model.names[: model.names.index(b"\0")].decode()
@@ -38,12 +38,12 @@ def run_properties(
 
 
 def law_name(law: Any) -> str | None:
-    """Return the law in one line: its repr, or the name it goes by."""
+    """Return a law as one line of text: its repr, or its name if it is given by name."""
     return law if law is None or isinstance(law, str) else " ".join(repr(law).split())
 
 
 def law_restitution(law: Law) -> Any:
-    """Return the restitution of a law's normal part, as it has that: a coefficient, several, a matrix; None if none."""
+    """Return the restitution of a law's normal part: one coefficient, several, or a matrix; None if it has none."""
     inner = law.normal_law
     if isinstance(inner, MaximalDissipation):
         return 0.0

@@ -1,4 +1,4 @@
-"""Reading a recording back."""
+"""Read a recording."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ Series = tuple[np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class WorstViolation:
-    """The collision whose outcome lies farthest outside of S(v-).
+    """The collision whose outcome violates S(v-) most.
 
     Attributes:
         index: row of the collision table.
-        time: when, s.
+        time: time of the collision, s.
         kind: "kinematic", "kinetic" or "energetic".
-        distance: in the kinetic metric, sqrt(J).
-        relative: the distance over ``|v-|``.
+        distance: size of the violation in the kinetic metric, sqrt(J).
+        relative: the distance divided by ``|v-|``.
     """
 
     index: int
@@ -42,13 +42,14 @@ class WorstViolation:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A run that was read back with `read_log`.
+    """A run read with `read_log`.
 
     Attributes:
         path: the file.
         properties: scene, law, restitution, timestep, integrator, seed, versions.
-        collisions: one row per collision, in order; columns as in `impactlaw.recording.layout.COLLISION_COLUMNS`, and
-            of its `EXTRA_COLUMNS` those that the run needs; those with one value per contact hold lists.
+        collisions: one row per collision, in order. The columns are those in
+            `impactlaw.recording.layout.COLLISION_COLUMNS`, and those in `EXTRA_COLUMNS` that the run needs. Columns
+            with one value per contact hold lists.
         episodes: the episodes, in order.
     """
 
@@ -59,11 +60,11 @@ class Recording:
     _series: dict[str, Series] = field(repr=False)
 
     def episode(self, number: int) -> Episode:
-        """Return the episode of that number.
+        """Return the episode with a number.
 
         Raises:
-            UnknownNameError: there is none in this file; the message names those that are.
-            RecordingError: there is no episode at all.
+            UnknownNameError: this file has no episode with this number; the message lists the numbers it has.
+            RecordingError: this file has no episode at all.
         """
         if not self.episodes:
             raise RecordingError(
@@ -75,37 +76,37 @@ class Recording:
         return found[0]
 
     def episode_summary(self) -> pd.DataFrame:
-        """Return one row per episode: number, seed, law, length, return, how it ended, collisions."""
+        """Return a table with one row per episode: number, seed, law, length, return, end, collisions."""
         return episode_table(self.episodes, self.collisions)
 
     @property
     def series_names(self) -> tuple[str, ...]:
-        """Names that `series` takes."""
+        """Names accepted by `series`."""
         return tuple(self._series)
 
     def series(self, name: str) -> Series:
         """Return times, s, and values of a quantity over the run, float64.
 
-        ``energy/kinetic``, ``energy/potential``, ``energy/total`` (J), ``contacts/count`` and, for every moving body
-        with a visible geom, ``position/<body>`` (n, 3) and ``orientation/<body>`` (n, 4, w first; both recorded as
-        float32) have one value per step, as have ``qpos`` (n, nq) and ``qvel`` (n, nv), exactly; ``collision/<column>``
-        has one per collision. Times are the simulation's
-        own, so that they start again with each episode.
+        The following have one value per step: ``energy/kinetic``, ``energy/potential``, ``energy/total`` (J),
+        ``contacts/count``, the exact ``qpos`` (n, nq) and ``qvel`` (n, nv), and, for every moving body with a visible
+        geom, ``position/<body>`` (n, 3) and ``orientation/<body>`` (n, 4, w first), recorded as float32.
+        ``collision/<column>`` has one value per collision. Times are simulation times and start again with each
+        episode.
 
         Raises:
-            UnknownNameError: there is no such series; the message names the nearest ones.
+            UnknownNameError: there is no such series; the message suggests similar names.
         """
         if name not in self._series:
             raise UnknownNameError("series", name, self._series)
         return self._series[name]
 
     def contact_summary(self) -> pd.DataFrame:
-        """Return one row per pair of geoms that collided.
+        """Return a table with one row per pair of geoms that collided.
 
-        Columns: ``collisions`` it took part in, ``total_impulse`` (N s), ``largest_approach_speed`` (m/s, 0 if it
-        never approached) and ``energy`` (J): the sum of ``Lambda_i gamma_bar_i``, negative when the pair dissipated.
-        Where there is friction its work is part of the energy, and ``total_friction`` (N s) sums up the lengths of the
-        impulses of sliding friction.
+        Columns: ``collisions`` in which the pair took part, ``total_impulse`` (N s), ``largest_approach_speed`` (m/s, 0
+        if the pair never approached) and ``energy`` (J), the sum of ``Lambda_i gamma_bar_i``, negative if the pair
+        dissipated energy. With friction, its work is included in the energy, and ``total_friction`` (N s) is the sum of
+        the lengths of the sliding friction impulses.
         """
         import pandas as pd
 
@@ -135,13 +136,13 @@ class Recording:
         return table.groupby("contacts", sort=False).agg(**sums)
 
     def worst_violation(self) -> WorstViolation | None:
-        """Return the largest violation relative to ``|v-|``, or None if there was no collision."""
+        """Return the largest violation of S(v-) relative to ``|v-|``; None if there was no collision."""
         if self.collisions.empty:
             return None
         kinds = ("kinematic", "kinetic", "energetic")
         distance = self.collisions[[f"{kind}_violation" for kind in kinds]].to_numpy()
         speed = np.sqrt(2.0 * self.collisions["kinetic_energy"].to_numpy())[:, None]
-        if "pre_speed" in self.collisions:  # |v-| as seen from moving surfaces
+        if "pre_speed" in self.collisions:  # |v-| relative to moving surfaces
             speed = np.fmax(speed, self.collisions["pre_speed"].to_numpy()[:, None])
         relative = np.divide(distance, speed, out=np.where(distance > 0, np.inf, 0.0), where=speed > 0)
         row, kind = (int(i) for i in np.unravel_index(np.argmax(relative), relative.shape))
@@ -150,7 +151,7 @@ class Recording:
 
 
 def read_log(path: str | Path) -> Recording:
-    """Read a recording; of one that was cut off, all that was written completely.
+    """Read a recording; if it was cut off, read everything that was written completely.
 
     Raises:
         RecordingError: there is no such file, or it is not a recording of this package.
@@ -184,7 +185,7 @@ def _collision_table(entity: Entity | None) -> pd.DataFrame:
         cells = [] if entity is None else entity.cells(f"{layout.COLLISION}:{name}")
         if not cells and name in layout.EXTRA_COLUMNS:
             continue
-        if not cells and entity is not None:  # a file of an older version
+        if not cells and entity is not None:  # a file of an older version without this column
             cells = [None] * len(entity.step)
         default = layout.EXTRA_DEFAULTS.get(name)
         several = kind.endswith("s")
@@ -194,7 +195,7 @@ def _collision_table(entity: Entity | None) -> pd.DataFrame:
 
 
 def _friction_by_contact(collisions: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
-    """Return the length of the impulse of sliding friction, N s, and the work of friction, J, of all contacts."""
+    """Return the length of the sliding friction impulse, N s, and the work of friction, J, of each contact."""
     lengths, works = [np.zeros(0)], [np.zeros(0)]
     for row in collisions.to_dict("records"):
         length, work = np.zeros((2, len(row["contacts"])))
@@ -211,7 +212,7 @@ def _frame_series(entities: dict[str, Entity]) -> dict[str, Series]:
     if layout.FRAMES not in entities:
         return {}
     time = entities[layout.FRAMES].numbers(layout.FRAME_TIME)[:, 0]
-    n = len(time)  # of a run that was cut off, other entities may have more rows
+    n = len(time)  # if the run was cut off, other entities may have more rows
     energy = entities[layout.ENERGY].numbers("Scalars:scalars")[:n]
     series = {f"energy/{name}": (time, energy[:, i]) for i, name in enumerate(layout.ENERGIES)}
     series["contacts/count"] = (time, entities[layout.CONTACTS].counts("Points3D:positions")[:n].astype(float))

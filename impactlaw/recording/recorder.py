@@ -1,4 +1,4 @@
-"""Writing a run into a rerun file, frame by frame."""
+"""Write a run into a rerun file, frame by frame."""
 
 from __future__ import annotations
 
@@ -28,35 +28,35 @@ if TYPE_CHECKING:
     from impactlaw.stepping.impact_event import ImpactEvent
 
 BATCH = 200
-"""Frames that are sent, and flushed to the file, together."""
+"""Number of frames that are sent and flushed to the file together."""
 
-_ARROW_TIME = 0.2  # s; an impulse is drawn as the path that it gives a body of mean mass in this time
+_ARROW_TIME = 0.2  # s; an impulse is drawn as the distance that it moves a body of mean mass in this time
 
 
 class Recorder:
-    """Records a run: geometry once, then state, poses, energies, closed contacts and collisions of every step.
+    """A recorder of a run: geometry once, then state, poses, energies, closed contacts and collisions of every step.
 
-    The file is a rerun recording (``rerun run.rrd`` shows it, `read_log` reads it) on the timeline ``sim_time``.
-    Steps are flushed every `BATCH` of them; a run that is killed leaves all up to the last flush. `close` ends the
-    file; where nobody calls it, that is done when the recorder is no longer used, or the interpreter ends.
+    The file is a rerun recording (``rerun run.rrd`` shows it, `read_log` reads it) on the timeline ``sim_time``. Every
+    `BATCH` steps are flushed to the file; if a run is killed, the file holds all steps up to the last flush. `close`
+    ends the file. If it is not called, the file ends when the recorder is garbage collected or the interpreter exits.
 
-    Where nobody calls `begin_episode`, a step whose time is not later than that of the step before begins a new
-    episode; ``sim_time`` goes on from where it was.
+    If `begin_episode` is never called, a step whose time is not later than that of the previous step begins a new
+    episode. ``sim_time`` continues to increase across episodes.
 
-    Poses and energies are computed on a private copy from the positions and velocities handed over, whatever state
-    the derived quantities in ``data`` are in; ``data`` is only read.
+    Poses and energies are computed on a private copy, from the positions and velocities in ``data``. The derived
+    quantities in ``data`` may be outdated; ``data`` is only read.
 
     Args:
         model: the compiled scene.
         path: the file, overwritten if it exists.
         law: the impact law of the run, or its name; written to the file.
-        restitution: its restitution where `law` is a name; taken from `law` where that is a `Law`.
+        restitution: the restitution, if `law` is a name; if it is a `Law`, its own restitution is the default.
         scene: name of the scene; the model's own name if not given.
         seed: seed of the run.
-        view: also show the run in the rerun viewer as it happens, one flush behind.
+        view: also show the run live in the rerun viewer, one flush behind.
 
     Raises:
-        SceneError: the model is none.
+        SceneError: model is not an `mujoco.MjModel`.
         RecordingError: the file cannot be written, rerun is switched off, or there is no display to view on.
     """
 
@@ -76,7 +76,7 @@ class Recorder:
         self._episode = -1
         self._coming: dict[str, Any] | None = None
         self._changed: dict[str, Any] | None = None
-        self._told = False  # whether episodes are begun by `begin_episode`
+        self._told = False  # whether `begin_episode` has been called
         self._time, self._offset = -np.inf, 0.0
         self._sizes = model.nq, model.nv
         properties = run_properties(model, law=law, restitution=restitution, scene=scene, seed=seed)
@@ -100,7 +100,7 @@ class Recorder:
 
     @property
     def law(self) -> str | None:
-        """The law in one line, as collisions from now on name it; may be set to another one, a `Law` or its name."""
+        """The law in one line, as recorded with collisions; assign a `Law` or a name to change it from now on."""
         return self._collisions.law or None
 
     @law.setter
@@ -116,14 +116,14 @@ class Recorder:
         settings: Mapping[str, Any] | None = None,
         made: Mapping[str, Any] | None = None,
     ) -> None:
-        """Let the next frame be the start of an episode.
+        """Begin an episode with the next frame.
 
         Args:
-            number: of the episode; one more than that of the last one if not given.
-            seed: that it was reset with.
-            generator: state of the random generator that it was drawn with, plain values.
-            settings: how it is stepped, plain values.
-            made: how the environment was made, plain values.
+            number: number of the episode; by default the number of the last episode plus one.
+            seed: seed of the reset.
+            generator: state of the random generator from which the episode was drawn, as plain values.
+            settings: law and options of its steps, as plain values.
+            made: description of how the environment was made, as plain values.
         """
         self._told = True
         plain = {"generator": generator, "settings": settings, "made": made}
@@ -134,21 +134,21 @@ class Recorder:
         }
 
     def change_law(self, law: Any, value: Any = None) -> None:
-        """Let the law be another one from the next frame on, within the episode.
+        """Change the law from the next frame on, within the episode.
 
         Args:
-            law: a `Law`, or its name.
+            law: a `Law` or its name.
             value: the law as plain values.
         """
         self.law = law
         self._changed = {"law": self.law, "value": None if value is None else json.dumps(value)}
 
     def end_step(self, action: Any, reward: Any, *, terminated: bool = False, truncated: bool = False) -> None:
-        """Record an environment step, which ends with the last frame: what it was told, and what it gave.
+        """Record action, reward and end of an environment step, whose last timestep is the last frame.
 
         Raises:
-            RecordingError: no frame has been recorded, the recorder is closed, the action is not made of numbers, or
-                the reward is not one number.
+            RecordingError: no frame has been recorded, the recorder is closed, the action does not consist of numbers,
+                or the reward is not one number.
         """
         file = self._opened()
         if not file.step:
@@ -159,12 +159,12 @@ class Recorder:
         """Record the state after a simulation step.
 
         Args:
-            data: the state; not changed.
+            data: the state; not modified.
             events: the collisions of the step.
-            contacts: the contacts closed now; those of ``data.contact`` that touch if not given.
+            contacts: the closed contacts; by default the touching ones of ``data.contact``.
 
         Raises:
-            RecordingError: the recorder is closed, the data are of another model, or the file can no longer be written.
+            RecordingError: the recorder is closed, data belongs to another model, or the file can no longer be written.
         """
         file = self._opened()
         if (data.qpos.size, data.qvel.size) != self._sizes:
@@ -178,7 +178,7 @@ class Recorder:
             self.flush()
 
     def flush(self) -> None:
-        """Write all steps so far to the file; after `close` this does nothing.
+        """Write all steps so far to the file; this has no effect after `close`.
 
         Raises:
             RecordingError: the file can no longer be written.
@@ -186,7 +186,7 @@ class Recorder:
         self._file.flush()
 
     def close(self) -> None:
-        """Write what is left and end the file; a second call does nothing.
+        """Write all remaining steps and end the file; a second call has no effect.
 
         Raises:
             RecordingError: the file can no longer be written.

@@ -1,4 +1,4 @@
-"""A recording as text."""
+"""Describe a recording as text."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _ROUNDING = 1e-9  # violation, relative to |v-|
 
 
 def describe(recording: Recording, *, limit: int = 50) -> str:
-    """Return what `impactlaw inspect` prints: properties, episodes, contact pairs, worst violation and collisions.
+    """Return the text that `impactlaw inspect` prints: properties, episodes, contacts, worst violation, collisions.
 
     Args:
-        recording: from `read_log`.
-        limit: most episodes, and most collisions, listed.
+        recording: a recording read with `read_log`.
+        limit: largest number of episodes, and of collisions, to list.
     """
     parts = [_properties(recording), _extent(recording), _episodes(recording, limit)]
     if not recording.collisions.empty:
@@ -52,7 +52,7 @@ def _extent(recording: Recording) -> str:
 
 
 def _episodes(recording: Recording, limit: int) -> str:
-    """Return a line per episode; nothing for a run that no environment has made, and that is one episode."""
+    """Return one line per episode; an empty text for a single episode without environment steps."""
     table = recording.episode_summary()
     told = any(len(episode.rewards) for episode in recording.episodes)
     if len(table) < 2 and not told:
@@ -90,6 +90,6 @@ def _collisions(collisions: pd.DataFrame, limit: int) -> str:
 
 
 def _table(shown: pd.DataFrame, rows: int, *, index: bool = False) -> str:
-    """Return what is shown of a table with so many rows, and how many more there are."""
+    """Return the shown part of a table as text, and how many of its rows are left out."""
     text = shown.to_string(index=index, float_format=lambda x: f"{x:.6g}", max_colwidth=60)
     return text if len(shown) == rows else f"{text}\n... and {rows - len(shown)} more"

@@ -1,4 +1,4 @@
-"""A rerun file as arrow columns, entity by entity."""
+"""Read a rerun file as arrow columns, entity by entity."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from impactlaw.errors import RecordingError
 from impactlaw.recording.layout import APPLICATION, STEP
 
 _FILE_HEADER = 12
-_MESSAGE_HEADER = struct.Struct("<QQ")  # kind and length of what follows
+_MESSAGE_HEADER = struct.Struct("<QQ")  # kind and length of the message
 
 
 class Entity:
-    """What was logged to one entity path.
+    """The data logged to one entity path.
 
     Attributes:
         static: the values of each static component.
-        columns: the cells of each other component in the order of the frames, arrow list arrays.
+        columns: the cells of each other component, in the order of frames, as arrow list arrays.
         step: frame of each row.
     """
 
@@ -49,30 +49,30 @@ class Entity:
         self.step = self.columns.pop(STEP).to_numpy() if rows else np.zeros(0, dtype=np.int64)
 
     def cells(self, name: str) -> list[Any]:
-        """Return the cells of a column, each a list, or None where not logged; none if there is no such column."""
+        """Return the cells of a column, each a list, None if not logged; an empty list without such a column."""
         return self.columns[name].to_pylist() if name in self.columns else []
 
     def numbers(self, name: str) -> np.ndarray:
-        """Return the numbers of a column with as many in each cell, float64, shape (rows, numbers per cell)."""
+        """Return the numbers of a column whose cells have equal lengths, float64, (rows, numbers per cell)."""
         values = self.columns[name]
         while hasattr(values, "flatten") and values.type.num_fields == 1:
             values = values.flatten()
         return values.to_numpy().astype(float).reshape(len(self.step), -1)
 
     def counts(self, name: str) -> np.ndarray:
-        """Return how many values each cell of a column has."""
+        """Return the number of values in each cell of a column."""
         return self.columns[name].value_lengths().to_numpy()
 
 
 def file_path(path: str | Path) -> Path:
-    """Return the path of a recording."""
+    """Return a path as a `Path`; raise RecordingError if it is neither text nor a path."""
     if not isinstance(path, str | os.PathLike):
         raise RecordingError(f'a recording is a file, such as "run.rrd", got {path!r:.100}')
     return Path(path)
 
 
 def read_entities(path: Path) -> dict[str, Entity]:
-    """Return all entities of a recording; of one that was cut off, all that was written completely."""
+    """Return all entities of a recording; if it was cut off, everything that was written completely."""
     if not path.is_file():
         raise RecordingError(f"{path} is not a file" if path.exists() else f"there is no file {path}")
     try:
@@ -96,7 +96,7 @@ def _read_chunks(path: Path, file: Path) -> list[Any]:
     from rerun.error_utils import RerunWarning
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RerunWarning)  # a run that was killed has no footer
+        warnings.simplefilter("ignore", RerunWarning)  # the file of a killed run has no footer
         reader = RrdReader(file)
         entries = reader.recordings()
         own = [entry for entry in entries if entry.application_id == APPLICATION]
@@ -107,7 +107,7 @@ def _read_chunks(path: Path, file: Path) -> list[Any]:
 
 
 def _copy_whole_messages(path: Path, target: Path) -> None:
-    """Copy a file up to its last complete message: rerun reads none of a file that ends within one."""
+    """Copy a file up to its last complete message, since rerun cannot read a file that ends within a message."""
     size = path.stat().st_size
     with path.open("rb") as source, target.open("wb") as copy:
         copy.write(source.read(_FILE_HEADER))

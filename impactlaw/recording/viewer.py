@@ -1,4 +1,4 @@
-"""The rerun viewer: what it shows of a recording, and opening it on a run."""
+"""The rerun viewer: its layout and styles, and how to open it on a running simulation."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _DISTANCE = 1.2  # of the eye, in extents of the model
 
 
 def blueprint(model: mujoco.MjModel) -> Any:
-    """Return the layout: the scene, as MuJoCo's viewer first shows it, beside energies, collisions and their log."""
+    """Return the layout: the scene, in the initial view of MuJoCo's viewer, and energies, collisions and their log."""
     import rerun.blueprint as rrb
 
     azimuth, elevation = np.radians([model.vis.global_.azimuth, model.vis.global_.elevation])
@@ -52,7 +52,7 @@ def blueprint(model: mujoco.MjModel) -> Any:
 def send_blueprint(stream: Any, model: mujoco.MjModel) -> None:
     """Send the layout to a stream.
 
-    Rerun's own function keeps the stream that the layout is made on, and its two threads, for ever.
+    Rerun's own function would never release the stream on which it makes the layout, or the stream's two threads.
     """
     import rerun_bindings as bindings
     from rerun.recording_stream import RecordingStream
@@ -67,7 +67,7 @@ def send_blueprint(stream: Any, model: mujoco.MjModel) -> None:
 
 
 def log_styles(stream: Any) -> None:
-    """Log, once, how energies, contacts and marks look."""
+    """Log the styles of energies, contacts and marks, once."""
     import rerun as rr
 
     blue, orange, green, red = (77, 135, 214), (230, 145, 56), (120, 190, 110), (220, 60, 60)
@@ -85,7 +85,7 @@ def log_styles(stream: Any) -> None:
 
 
 def spawn_viewer() -> Any:
-    """Open the viewer in a window of its own, or take the one that is open, and return a sink that feeds it."""
+    """Open the viewer in a new window, or use one that is open, and return a sink that feeds it."""
     import rerun as rr
 
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):

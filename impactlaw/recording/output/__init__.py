@@ -1,1 +1,1 @@
-"""What a recording writes: its frames, and its file."""
+"""The frames of a recording, and its file."""

@@ -1,4 +1,4 @@
-"""The file of a recorder, and what is on its way there."""
+"""The file of a recorder, with the buffers that are written to it."""
 
 from __future__ import annotations
 
@@ -17,18 +17,19 @@ from impactlaw.recording.collisions import CollisionLog
 from impactlaw.recording.episodes import EpisodeMarks
 from impactlaw.recording.output.frames import Frames
 
-_PATIENCE = 30.0  # s that the file may take for what is flushed, on a slow disk; rerun alone would wait for ever
-_ROOM = 1 << 16  # bytes that a file has room for at least: more than rerun hands to it at once
+_PATIENCE = 30.0  # timeout of a flush to a slow disk, s; without it rerun would wait forever
+_ROOM = 1 << 16  # bytes that must fit into a new file: more than rerun writes to it at once
 
 
 class RecordingFile:
-    """What has been written, and what has not yet.
+    """The open file of a recording, with the buffers of rows that are not written yet.
 
-    It does not know who fills it, so that it can be ended when that one is gone: `end_with`.
+    It holds no reference to the recorder that fills it, so that it can be closed when the recorder is gone, see
+    `end_with`.
 
     Attributes:
         step: number of frames so far.
-        clock: place of the last one on the timeline, s.
+        clock: time of the last frame on the timeline, s.
     """
 
     def __init__(self, path: Path, stream: Any, frames: Frames, marks: EpisodeMarks, collisions: CollisionLog):
@@ -39,15 +40,15 @@ class RecordingFile:
 
     @property
     def is_open(self) -> bool:
-        """Whether it can be written to."""
+        """Whether the file can be written to."""
         return self._stream is not None
 
     def open(self, model: mujoco.MjModel, *, view: bool) -> None:
-        """Begin to write, before anything is logged.
+        """Open the file, before anything is logged.
 
-        Rerun hands what it holds already to a new file, and waits for that: for ever if the disk is full. That is why
-        the stream is as good as empty here, why there must be room for what it holds even so, and why the layout, which
-        it would wait for as well, follows by itself.
+        Rerun writes the data that a stream already holds to a new file and waits for it: forever, if the disk is full.
+        Therefore the stream must be almost empty here, there must be room on the disk for the little that it holds, and
+        the layout, for which rerun would also wait, is sent separately.
         """
         import rerun as rr
 
@@ -61,7 +62,7 @@ class RecordingFile:
         self.sync()
 
     def flush(self) -> None:
-        """Write all so far; after `close` this does nothing."""
+        """Write all buffered rows; this has no effect after `close`."""
         if self._stream is None:
             return
         first = self.step - len(self.frames)
@@ -71,17 +72,17 @@ class RecordingFile:
         self.sync()
 
     def close(self) -> None:
-        """Write what is left and end the file; a second call does nothing."""
+        """Write all buffered rows and end the file; a second call has no effect."""
         try:
             self.flush()
         finally:
             self._disconnect()
 
     def end_with(self, owner: Any) -> weakref.finalize:
-        """Close when the owner is gone, or the interpreter ends; return what does it, and does nothing twice.
+        """Close the file when its owner is garbage collected or the interpreter exits; return the finalizer.
 
-        The interpreter ends in the order of ``atexit``, last registered first, so that rerun, which is imported by
-        now, still works. A process that was forked leaves the file to its parent.
+        The finalizer closes the file only once. ``atexit`` runs the functions registered last first, so rerun, which is
+        already imported, still works at that time. A forked process leaves the file to its parent.
         """
         end = weakref.finalize(owner, self._close_here)
         end.atexit = False
@@ -98,14 +99,14 @@ class RecordingFile:
         if self._stream is not None:
             self._stream.disconnect()
             self._stream = None
-            bindings.flush_and_cleanup_orphaned_recordings()  # or its threads go on until rerun is initialized again
+            bindings.flush_and_cleanup_orphaned_recordings()  # else its threads run until rerun is initialized again
 
     def sync(self) -> None:
-        """Wait until the file has what was logged."""
+        """Wait until the file holds everything that was logged."""
         try:
             self._stream.flush(timeout_sec=_PATIENCE)
         except RuntimeError as error:
-            if "gRPC" in str(error):  # a viewer that was closed is no loss to the file
+            if "gRPC" in str(error):  # the viewer was closed, which does not affect the file
                 return
             if "timed out" in str(error):
                 self._abandon()
@@ -114,9 +115,10 @@ class RecordingFile:
             raise self._cannot_write(str(error)) from None
 
     def _abandon(self) -> None:
-        """Leave a stream that no longer answers, most likely since the disk is full.
+        """Abandon a stream that no longer responds, most likely because the disk is full.
 
-        Whatever ends it would wait for ever: it must never be deleted, and rerun must not end it with the interpreter.
+        Ending the stream would wait forever. Therefore it must never be deleted, and rerun must not end it when the
+        interpreter exits.
         """
         import rerun as rr
 

@@ -1,4 +1,4 @@
-"""Frames on their way into a recording: states, body poses, energies and closed contacts, one row per step."""
+"""Record frames: states, body poses, energies and closed contacts, one row per step."""
 
 from __future__ import annotations
 
@@ -16,11 +16,10 @@ if TYPE_CHECKING:
 
 
 class Frames:
-    """The frames since the last `send`.
+    """A buffer of frames since the last `send`.
 
-    Poses and energies are computed on a private copy of the state, so that they belong to the positions and
-    velocities of the same moment (MjData after ``mj_step`` holds poses and inertia of the moment before), and so
-    that the simulation's data stay as they are.
+    Poses and energies are computed on a private copy of the state. Thus they match the positions and velocities (after
+    ``mj_step``, MjData holds poses and inertia of the state before), and the simulation's data remain unchanged.
     """
 
     def __init__(self, model: mujoco.MjModel, groups: list[Group], capacity: int):
@@ -35,11 +34,11 @@ class Frames:
 
     @property
     def is_full(self) -> bool:
-        """Whether there is no room for another frame."""
+        """Whether the buffer has reached its capacity."""
         return len(self._rows) == self._capacity
 
     def add(self, data: mujoco.MjData, clock: float, contacts: Contacts | None) -> None:
-        """Take a frame up; ``clock`` is its place on the timeline, s."""
+        """Add a frame; ``clock`` is its time on the timeline, s."""
         own = self._data
         own.qpos[:], own.qvel[:] = data.qpos, data.qvel
         own.mocap_pos[:], own.mocap_quat[:] = data.mocap_pos, data.mocap_quat
@@ -50,7 +49,7 @@ class Frames:
         self._rows.append((*state, own.xpos[self._bodies], own.xquat[self._bodies], closed))
 
     def initial_pose(self, group: Group) -> Any:
-        """Return the poses of the group's bodies at the model's reference configuration, for rerun."""
+        """Return the poses of the group's bodies in the model's reference configuration, for rerun."""
         import rerun as rr
 
         data = mujoco.MjData(self._model)
@@ -58,7 +57,7 @@ class Frames:
         return rr.InstancePoses3D(**_poses(data.xpos[group.bodies], data.xquat[group.bodies]))
 
     def send(self, stream: Any, first_step: int) -> None:
-        """Send what was added to a rerun stream; times last, so that they vouch for the rest."""
+        """Send the buffered frames to a rerun stream, times last: a frame whose time is in the file is complete."""
         import rerun as rr
 
         n = len(self)
@@ -97,5 +96,5 @@ class Frames:
 def _poses(position: np.ndarray, quaternion: np.ndarray) -> dict[str, Any]:
     return {
         "translations": position.reshape(-1, 3),
-        "quaternions": quaternion.reshape(-1, 4)[:, [1, 2, 3, 0]],  # rerun has w last
+        "quaternions": quaternion.reshape(-1, 4)[:, [1, 2, 3, 0]],  # w is last in rerun
     }
