@@ -1,4 +1,4 @@
-"""Solvers of the impact law's problem: one file each, one registry, one certificate for all of them."""
+"""Solvers of the impact law's problem: one file for each, one registry, and one certificate for all."""
 
 from impactlaw.solvers.certificate import Answer, beyond_rounding
 from impactlaw.solvers.infeasibility import farkas_ray

@@ -1,4 +1,4 @@
-"""An impulse with its velocity jump, its certificate, and the second look at the contacts that carry it."""
+"""Certify an impulse with its velocity jump, and polish it by solving again on the contacts that carry it."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from impactlaw.solvers.sparsity import as_dense
 from impactlaw.solvers.tolerances import IMPULSE_ROUNDING, INDEPENDENT, JAMMED, POLISHED
 
 LARGEST_POLISHED = 250_000
-"""Entries of a CSR array up to which a second look, by a dense solver, does not take seconds."""
+"""Largest number of entries of a CSR array that is polished by a dense solver, which would take seconds beyond."""
 
 
 class Answer(NamedTuple):
-    """An impulse with its velocity jump, and how far the two are from the law.
+    """An impulse with its velocity jump, and their distance from satisfying the law.
 
     Attributes:
         impulse: ``Lambda``, shape (h,).
-        jump: ``z``, shape (nv,): ``Y^T Lambda`` but for the rounding of impulses that nearly cancel.
+        jump: ``z``, shape (nv,): ``Y^T Lambda``, up to rounding errors of impulses that nearly cancel.
         slack: ``(Y z - c) / |Y_i|``, shape (h,), sqrt(J).
-        residual: the larger of the length of the natural map ``min(Lambda_i |Y_i|, slack_i)`` and of
-            ``|z - Y^T Lambda|`` beyond that rounding, sqrt(J).
+        residual: the larger of the length of the natural map ``min(Lambda_i |Y_i|, slack_i)`` and the part of
+            ``|z - Y^T Lambda|`` that exceeds this rounding, sqrt(J).
     """
 
     impulse: np.ndarray
@@ -35,18 +35,19 @@ class Answer(NamedTuple):
 
 
 def beyond_rounding(gap: float, impulses: float, speed: float) -> float:
-    """Return how much of ``|z - Y^T Lambda|`` is not the rounding of Lambda to doubles.
+    """Return the part of ``|z - Y^T Lambda|`` that the rounding of Lambda to doubles does not explain.
 
     Args:
         gap: ``|z - Y^T Lambda|``, sqrt(J).
-        impulses: sum of ``Lambda_i |Y_i|``, sqrt(J): many times the speed where contacts jam and nearly cancel.
-        speed: the larger of |v-| and |v+|; rounding beyond a hundredth of it is no excuse.
+        impulses: sum of ``Lambda_i |Y_i|``, sqrt(J): many times the speed if contacts jam and their impulses nearly
+            cancel.
+        speed: the larger of |v-| and |v+|; at most a hundredth of it is attributed to rounding.
     """
     return max(0.0, gap - min(IMPULSE_ROUNDING * impulses, JAMMED * speed))
 
 
 def judge(problem: Problem, impulse: np.ndarray, jump: np.ndarray | None = None) -> Answer:
-    """Measure how far an impulse, and a jump where one was computed apart from it, are from the law."""
+    """Return an impulse as an answer, with its residual; the jump may be given if it was computed separately."""
     made = impulse @ problem.gradients
     z = made if jump is None else jump
     slack, scaled = problem.slack(z), impulse * problem.lengths
@@ -54,7 +55,7 @@ def judge(problem: Problem, impulse: np.ndarray, jump: np.ndarray | None = None)
     if jump is not None:
         left = jump - made
         residual = max(residual, beyond_rounding(sqrt(left @ left), scaled.sum(), 0.5 * problem.speed_at(jump)))
-    return Answer(impulse, z, slack, residual if residual >= 0 else inf)  # infinite where it is not a number
+    return Answer(impulse, z, slack, residual if residual >= 0 else inf)  # infinite if it is NaN
 
 
 def natural_residual(problem: Problem, impulse: np.ndarray) -> float:
@@ -64,15 +65,15 @@ def natural_residual(problem: Problem, impulse: np.ndarray) -> float:
 
 
 def judge_active(problem: Problem, active: np.ndarray | slice) -> Answer | None:
-    """Return the answer with ``(Y z - c)_A = 0`` and no impulse elsewhere, for contacts A, bool (h,) or a slice.
+    """Return the answer with ``(Y z - c)_A = 0`` and zero impulse elsewhere, for contacts A, bool (h,) or a slice.
 
-    None where an impulse is not positive, or the gradients of A, of an array, depend on each other.
+    Return None if an impulse is not positive or the gradients of A are not clearly independent. Y must be an array.
     """
     Y, c = problem.gradients[active], problem.bound[active]
     if not 0 < len(c) <= Y.shape[1]:
         return None
     factor, carried, failed = scipy.linalg.lapack.dposv(Y @ Y.T, c)
-    # lists: for the few contacts of most collisions this takes a quarter of the time of min() of an array
+    # lists: with the few contacts of most collisions, their min() takes a quarter of the time of an array's
     if failed or min(carried.tolist()) <= 0:
         return None
     if min((factor.diagonal() / problem.lengths[active]).tolist()) < INDEPENDENT:
@@ -83,7 +84,7 @@ def judge_active(problem: Problem, active: np.ndarray | slice) -> Answer | None:
 
 
 def polish(problem: Problem, impulse: np.ndarray) -> Answer:
-    """Certify; where that is not good, solve once more on the contacts that carry an impulse, and keep the better."""
+    """Certify an impulse; if it is not accurate, solve again on the contacts that carry it, and keep the better."""
     answer = judge(problem, impulse)
     if problem.allows(answer.residual, POLISHED) or not impulse.any():
         return answer
@@ -102,7 +103,7 @@ def better(one: Answer | None, other: Answer) -> Answer:
 
 
 def _by_least_squares(problem: Problem, active: np.ndarray) -> Answer:
-    """Return what `judge_active` returns, also for contacts whose gradients depend on each other."""
+    """Return the same answer as `judge_active`, but also for contacts with dependent gradients."""
     lengths = problem.lengths[active]
     Y = problem.gradients[active] / lengths[:, None]
     jump = least_squares(Y, problem.bound[active] / lengths)

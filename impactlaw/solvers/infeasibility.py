@@ -1,4 +1,4 @@
-"""The proof that a law has no solution."""
+"""Prove that a law has no solution."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from impactlaw.solvers.tolerances import NO_IMPULSE, RAY_BALANCED, RAY_CONFLICT,
 def farkas_ray(problem: Problem) -> np.ndarray | None:
     """Return ``nu >= 0`` with ``Y^T nu = 0`` and ``c^T nu > 0``, a proof that ``Y z >= c`` has no solution, or None.
 
-    No contact can be left out of the ray; its largest entry is 1.
+    The ray is minimal: without one of its contacts it proves nothing. Its largest entry is 1.
     """
     Y, c = problem.unit
     size = float(c.max(initial=0.0))
@@ -35,7 +35,7 @@ def farkas_ray(problem: Problem) -> np.ndarray | None:
 
 
 def _vanishing(Y: np.ndarray, c: np.ndarray, support: np.ndarray) -> np.ndarray:
-    """Return the combination of these gradients that vanishes (NNLS leaves one at most), its positive part alone."""
+    """Return the positive part of the vanishing combination of these gradients, of which NNLS leaves at most one."""
     ray = np.zeros(len(c))
     nu = scipy.linalg.svd(Y[support].T, check_finite=False)[2][-1]
     ray[support] = np.maximum(nu if nu @ c[support] > 0 else -nu, 0.0)

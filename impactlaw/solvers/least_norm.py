@@ -1,4 +1,4 @@
-"""The impulse of least norm among those that give the same velocity jump, computed on the identified face."""
+"""Find the impulse of least norm among those with the same velocity jump, on the contacts that are tight."""
 
 from __future__ import annotations
 
@@ -18,10 +18,14 @@ _LARGEST_GROUP = 100  # contacts; for more it would take seconds
 def least_norm(gradients: np.ndarray, impulse: np.ndarray, tight: np.ndarray) -> np.ndarray:
     """Return ``argmin |Lambda|`` over ``Lambda >= 0``, ``Y^T Lambda = Y^T impulse``, zero where not tight.
 
-    With N an orthonormal basis of the impulses that move nothing and x the part of ``impulse`` orthogonal to them,
-    Lambda is x where x >= 0, and ``x + N y`` with ``min |y|, N y >= -x`` otherwise: the form every solver answers.
-    ``Y``, (h, nv), has no row of zeros. The impulse, (h,), is returned itself where it is the only solution; contacts
-    that carry it are among those that are tight, bool (h,).
+    Let N be an orthonormal basis of the impulses without a velocity jump, and x the part of ``impulse`` orthogonal to
+    them. If ``x >= 0``, Lambda is x. Otherwise it is ``x + N y`` with ``min |y|, N y >= -x``, a problem of the form
+    that every solver solves. If ``impulse`` is the only solution, it is returned itself.
+
+    Args:
+        gradients: ``Y``, (h, nv), without rows of zeros.
+        impulse: an impulse, (h,).
+        tight: whether contacts are tight, bool (h,); includes all contacts that carry an impulse.
     """
     face = np.flatnonzero(tight)
     Y, x = gradients[face], impulse[face]
@@ -30,7 +34,7 @@ def least_norm(gradients: np.ndarray, impulse: np.ndarray, tight: np.ndarray) ->
     still = U[:, int(np.count_nonzero(singular > RANK * singular[0])) :]
     if still.shape[1] == 0:
         return impulse
-    shared = np.linalg.norm(still, axis=1) > RANK  # the impulse of any other contact is the only one
+    shared = np.linalg.norm(still, axis=1) > RANK  # the impulse of every other contact is unique
     N = scipy.linalg.qr(still / lengths[:, None], mode="economic", check_finite=False)[0][shared]
     part = least_squares(Y[shared].T, x[shared] @ Y[shared], RANK)
     part[np.abs(part) < NO_IMPULSE * np.abs(part).max()] = 0.0
@@ -49,10 +53,10 @@ def least_norm(gradients: np.ndarray, impulse: np.ndarray, tight: np.ndarray) ->
 
 
 def share_impulse(gradients: Any, impulse: np.ndarray, tight: np.ndarray) -> np.ndarray:
-    """Return `least_norm` of an array or, for every group of tight contacts that touch each other, of a CSR array.
+    """Return the impulse of least norm, see `least_norm`; for a CSR array, group by group of coupled tight contacts.
 
-    Groups are looked at where a tight contact carries nothing or there are more contacts than degrees of freedom.
-    Those of more than `_LARGEST_GROUP` contacts keep the impulse they have: its norm is not the least.
+    Only groups are treated in which a tight contact has zero impulse, or which have more contacts than degrees of
+    freedom. Groups of more than `_LARGEST_GROUP` contacts keep their impulse, whose norm may not be the least.
     """
     if isinstance(gradients, np.ndarray):
         return least_norm(gradients, impulse, tight)

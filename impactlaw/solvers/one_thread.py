@@ -1,7 +1,8 @@
-"""Small dense problems on one thread: starting BLAS threads takes longer than solving them.
+"""Solve small dense problems on one thread, since starting BLAS threads takes longer than solving them.
 
 On two busy cores a collision of 128 contacts takes 0.7 ms on one thread, and 17 to 110 ms on two. The number of threads
-belongs to the whole process, so that it is changed only for as long as a step or a collision takes, at 8 us.
+is a setting of the whole process. Therefore it is changed only for the duration of a step or a collision; this takes
+8 us.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ def one_thread() -> AbstractContextManager[Any]:
 
 @cache
 def _controller() -> Any:
-    """Return what controls the threads of the BLAS libraries of numpy and scipy."""
-    import_module("scipy.linalg")  # each brings its own
+    """Return a controller of the threads of the BLAS libraries of numpy and scipy."""
+    import_module("scipy.linalg")  # loads scipy's own BLAS, so that the controller finds it
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()

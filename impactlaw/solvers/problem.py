@@ -1,4 +1,4 @@
-"""The one problem every solver answers, the form of an answer, and the measure of how good it is."""
+"""The problem that every solver solves, the form of a solution, and the scale of its errors."""
 
 from __future__ import annotations
 
@@ -17,16 +17,17 @@ class Problem:
     Its optimality conditions are the impact law: ``z = Y^T Lambda`` and ``0 <= Lambda  ⊥  Y z - c >= 0``.
 
     Args:
-        gradients: ``Y``, the gap gradients where the kinetic metric is Euclidean, shape (h, nv); may be a CSR array.
+        gradients: ``Y``, the gap gradients in coordinates in which the kinetic metric is Euclidean, shape (h, nv); may
+            be a CSR array.
         bound: ``c = gamma^h - gamma-``, shape (h,).
-        preimage: ``d`` with ``Y d = c`` where the law knows one, shape (nv,); then the jump is the projection of d
-            onto the cone of the gradients, which always exists.
-        speed: ``|v-|`` where it is known, sqrt(J): c was computed from velocities of that size, and has their rounding.
+        preimage: ``d`` with ``Y d = c``, shape (nv,), if the law knows one; then the jump is the projection of d onto
+            the cone of the gradients, which always exists.
+        speed: ``|v-|`` if known, sqrt(J): c was computed from velocities of that size, and has their rounding errors.
         norms: lengths of the rows of Y, shape (h,); computed if None.
 
     Attributes:
         is_sparse: whether Y is a CSR array.
-        lengths: the norms, to divide by: 1 for rows of zeros, shape (h,).
+        lengths: the norms as divisors, with 1 for rows of zeros, shape (h,).
         can_move: whether no gradient is zero.
     """
 
@@ -42,12 +43,12 @@ class Problem:
         self.gradients, self.bound, self.preimage, self.speed = gradients, bound, preimage, speed
         self.is_sparse = not isinstance(gradients, np.ndarray)
         self.norms = row_lengths(gradients) if norms is None else norms
-        self.can_move = np.count_nonzero(self.norms) == len(self.norms)  # a quarter of the time of all()
+        self.can_move = np.count_nonzero(self.norms) == len(self.norms)  # takes a quarter of the time of all()
         self.lengths = self.norms if self.can_move else np.where(self.norms > 0, self.norms, 1.0)
 
     @cached_property
     def scale(self) -> float:
-        """Largest of |v-|, |d| and ``|c_i| / |Y_i|``, sqrt(J): a jump is called rounding in comparison with it."""
+        """The largest of |v-|, |d| and ``|c_i| / |Y_i|``, sqrt(J), with which rounding errors are compared."""
         d = self.preimage
         reach = np.abs(self.bound / self.lengths).max(initial=0.0) if d is None else scipy.linalg.blas.dnrm2(d)
         return max(self.speed, float(reach))
@@ -62,21 +63,21 @@ class Problem:
         return scipy.sparse.csr_array((data, Y.indices, Y.indptr), shape=Y.shape), self.bound / self.lengths
 
     def allows(self, residual: float, tolerance: float) -> bool:
-        """Whether a residual, sqrt(J), is at most the tolerance times the scale. Often |v-| shows it."""
+        """Return whether a residual, sqrt(J), is at most tolerance times scale; |v-| often decides it at less cost."""
         return residual <= tolerance * self.speed or residual <= tolerance * self.scale
 
     def speed_at(self, jump: np.ndarray) -> float:
-        """Return the speed that errors are compared with; if |v-| is known, at most the larger of |v-| and |v+|."""
+        """Return the speed with which errors are compared; if |v-| is known, at most the larger of |v-| and |v+|."""
         if self.speed > 0:
             return max(self.speed, 0.5 * sqrt(jump @ jump))
         return max(self.scale, sqrt(jump @ jump))
 
     def slack(self, z: np.ndarray) -> np.ndarray:
-        """``(Y z - c) / |Y_i|``, shape (h,), in sqrt(J); rows of zeros count as ``-c_i``."""
+        """Return ``(Y z - c) / |Y_i|``, shape (h,), in sqrt(J); for rows of zeros it is ``-c_i``."""
         return (self.gradients @ z - self.bound) / self.lengths
 
     def with_gradients(self, gradients: Any) -> Problem:
-        """Return the same problem with the same Y in another form."""
+        """Return the same problem with Y in another form, array or CSR array."""
         return Problem(gradients, self.bound, self.preimage, self.speed, norms=self.norms)
 
 
@@ -91,9 +92,9 @@ class Status(StrEnum):
     """How a solver ended.
 
     Attributes:
-        SOLVED: with what it holds for the answer.
-        INFEASIBLE: it finds that ``Y z >= c`` has no solution; only a Farkas ray proves that.
-        STOPPED: without an answer, or at a bound on its iterations with what it has reached.
+        SOLVED: the solver considers its impulse a solution.
+        INFEASIBLE: the solver found that ``Y z >= c`` has no solution; only a Farkas ray proves it.
+        STOPPED: the solver has no solution, or reached its limit of iterations and returns its last iterate.
     """
 
     SOLVED = "solved"
@@ -102,13 +103,13 @@ class Status(StrEnum):
 
 
 class Solution(NamedTuple):
-    """What a solver hands back; only the certificate decides whether it is an answer.
+    """The result of a solver; only the certificate decides whether it is accepted.
 
     Attributes:
         impulse: ``Lambda``, shape (h,).
         status: how the solver ended.
-        iterations: of the solver's own kind; 0 when it takes none.
-        residual: what an iterative solver itself says that it reached, relative; 0 for the others.
+        iterations: number of iterations, of the solver's own kind; 0 if it does not iterate.
+        residual: relative residual that an iterative solver reports; 0 for other solvers.
     """
 
     impulse: np.ndarray
@@ -118,7 +119,7 @@ class Solution(NamedTuple):
 
 
 class Solver(Protocol):
-    """A solver is a function from a problem to a solution; it never raises for a problem that it cannot solve."""
+    """A function from a problem to a solution, which never raises for a problem that it cannot solve."""
 
     def __call__(self, problem: Problem) -> Solution:
         """Solve one problem."""

@@ -1,4 +1,4 @@
-"""From a problem to its impulse: choose a solver, certify its answer, share it among redundant contacts."""
+"""Solve a problem: choose a solver, certify its answer, and share the impulse among redundant contacts."""
 
 from __future__ import annotations
 
@@ -34,21 +34,21 @@ SOLVERS: dict[str, Solver] = {
     "osqp": osqp,
     "projected-gauss-seidel": projected_gauss_seidel,
 }
-"""The registry: a new solver is one file and one line here."""
+"""The registry of solvers: a new solver is one file and one line here."""
 
 _ITERATIVE = {"osqp", "projected-gauss-seidel"}
 _TAKE_SPARSE = {"primal-dual-active-set", *_ITERATIVE}
-_MANY = 64  # contacts from which linear algebra starts threads where it may
+_MANY = 64  # contacts from which linear algebra would start several threads
 
 
 def check_solver(name: str) -> None:
-    """Refuse a name that is neither in `SOLVERS` nor "auto": `UnknownNameError`."""
+    """Raise UnknownNameError unless the name is in `SOLVERS` or "auto"."""
     if name != "auto" and name not in SOLVERS:
         raise UnknownNameError("solver", name, [*SOLVERS, "auto"])
 
 
 def load_solvers() -> None:
-    """Import now what collisions need, so that no step of a simulation waits for it."""
+    """Import the modules that collisions need, so that no step of a simulation has to wait for them."""
     for name in ("daqp", "scipy.linalg", "scipy.optimize", "scipy.sparse.csgraph"):
         import_module(name)
 
@@ -62,27 +62,28 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
     """Return the impulse of least norm that solves the problem, and its velocity jump.
 
     Args:
-        problem: what to solve.
+        problem: the problem to solve.
         labels: names of the contacts, for messages.
-        solver: a name from `SOLVERS`, or "auto": closed form for one contact, NNLS where the law knows a velocity with
-            the wanted contact velocities, a dual active set otherwise, the others where an answer is not certified.
-        shared: whether redundant contacts share the impulse; if not, it is any that solves the problem. The jump is
-            the same.
+        solver: a name from `SOLVERS`, or "auto": the closed form for one contact, NNLS if the law knows a velocity with
+            the wanted contact velocities, a dual active set otherwise, and further solvers if an answer is not
+            certified.
+        shared: whether redundant contacts share the impulse; if not, any impulse that solves the problem is returned.
+            The jump is the same.
 
     Raises:
-        UnknownNameError: no such solver.
+        UnknownNameError: there is no such solver.
         UnsolvableLawError: the problem has no solution.
         SolverError: no solver's answer passed the certificate.
-        DivergenceError: the problem is not finite.
+        DivergenceError: the problem contains numbers that are not finite.
     """
     check_solver(solver)
     c = problem.bound
-    if not np.count_nonzero(c > 0):  # every law comes here: a quarter of the time of any()
+    if not np.count_nonzero(c > 0):  # takes a quarter of the time of any(), and every collision passes here
         return Answer(np.zeros(len(c)), np.zeros(problem.gradients.shape[1]), -c / problem.lengths, 0.0)
     try:
         with nullcontext() if len(c) < _MANY else one_thread():
             return _solve(problem, labels, solver, shared=shared)
-    except (ValueError, ZeroDivisionError) as error:  # from linear algebra, to which nothing else is wrong
+    except (ValueError, ZeroDivisionError) as error:  # linear algebra raises these for numbers that are not finite
         if np.isfinite(c).all() and np.isfinite(problem.norms).all():
             raise
         raise DivergenceError(
@@ -91,7 +92,7 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
 
 
 def _solve(problem: Problem, labels: tuple[str, ...], solver: str, *, shared: bool) -> Answer:
-    """Return what `solve_with_jump` returns where there is something to solve."""
+    """Return the answer of `solve_with_jump` for a problem in which zero impulses are not a solution."""
     if not problem.can_move:
         return _solve_moving(problem, labels, solver)
     if solver == "auto":
@@ -103,7 +104,7 @@ def _solve(problem: Problem, labels: tuple[str, ...], solver: str, *, shared: bo
         return _solve_apart(problem, labels, solver, parts)
     answer, last = _attempt(problem, solver, labels)
     if not _certified(problem, answer):
-        if solver == "auto":  # a problem that no solver solves may be made of rounding errors: then no impulse is right
+        if solver == "auto":  # the problem may consist of rounding errors only: then zero impulses solve it
             answer = better(answer, judge(problem, np.zeros_like(problem.bound)))
         if not _certified(problem, answer):
             _refuse(problem, labels)
@@ -121,14 +122,14 @@ def _solve(problem: Problem, labels: tuple[str, ...], solver: str, *, shared: bo
 def nonnegative_combination(gradients: np.ndarray, point: np.ndarray, *, shared: bool = True) -> np.ndarray:
     """Return the ``Lambda >= 0`` of least norm that minimises ``|Y^T Lambda - point|``, (h,), for Y, (h, nv).
 
-    If it is not to be `shared`, it is any that does.
+    If not `shared`, return any minimiser.
     """
     problem, labels = Problem(gradients, gradients @ point, point), ("",) * gradients.shape[0]
     return solve_with_jump(problem, labels, shared=shared).impulse
 
 
 def _attempt(problem: Problem, solver: str, labels: tuple[str, ...]) -> tuple[Answer | None, Solution | None]:
-    """Ask one solver after the other until an answer is good; return the best one, and what the last one returned."""
+    """Try one solver after another until an answer is good; return the best answer and the last solver's solution."""
     best = last = None
     dear = problem.is_sparse and prod(problem.gradients.shape) > LARGEST_POLISHED
     for name in _candidates(problem, solver):
@@ -162,7 +163,7 @@ def _candidates(problem: Problem, solver: str) -> tuple[str, ...]:
 
 
 def _solve_moving(problem: Problem, labels: tuple[str, ...], solver: str) -> Answer:
-    """Solve without contacts whose gradient is zero; if the law asks such a contact to open, there is no solution."""
+    """Solve without the contacts whose gradient is zero; if the law wants such a contact to open, raise."""
     moving = problem.norms > 0
     wanted = ~moving & (problem.bound > 0)
     if wanted.any():
@@ -175,7 +176,7 @@ def _solve_moving(problem: Problem, labels: tuple[str, ...], solver: str) -> Ans
 
 
 def _solve_apart(problem: Problem, labels: tuple[str, ...], solver: str, parts: list[np.ndarray]) -> Answer:
-    """Solve each group of contacts on its own: errors are relative to the speed, and groups may differ in that."""
+    """Solve each group of coupled contacts separately, since errors are relative to speeds, which may differ."""
     impulse, jump = np.zeros_like(problem.bound), np.zeros(problem.gradients.shape[1])
     for rows in parts:
         Y, d = problem.gradients[rows], problem.preimage
@@ -190,7 +191,7 @@ def _solve_apart(problem: Problem, labels: tuple[str, ...], solver: str, parts: 
 
 
 def _solve_part(part: Problem, rows: np.ndarray, labels: tuple[str, ...], solver: str) -> Answer:
-    """Solve the problem of some rows; what proves that there is no solution is for all contacts."""
+    """Solve the problem of some rows; if it has no solution, raise with a Farkas ray over all contacts."""
     try:
         return solve_with_jump(part, tuple(labels[i] for i in rows), solver=solver)
     except UnsolvableLawError as error:
@@ -200,7 +201,7 @@ def _solve_part(part: Problem, rows: np.ndarray, labels: tuple[str, ...], solver
 
 
 def _refuse(problem: Problem, labels: tuple[str, ...]) -> None:
-    """Raise if there is a proof that no solution exists; with a preimage there always is one."""
+    """Raise UnsolvableLawError if a Farkas ray exists; a problem with a preimage always has a solution."""
     if problem.preimage is not None:
         return
     dense = as_dense(problem)
@@ -210,12 +211,12 @@ def _refuse(problem: Problem, labels: tuple[str, ...]) -> None:
 
 
 def share(problem: Problem, answer: Answer) -> Answer:
-    """Share the impulse among redundant contacts (least norm), unless that costs digits of the certificate.
+    """Share the impulse among redundant contacts (least norm), unless this makes the residual clearly larger.
 
-    Where contacts that carry an impulse are independent, nothing is to share unless one more contact is tight.
+    If the contacts that carry an impulse are independent, the impulse is unique unless another contact is tight.
     """
     impulse = answer.impulse
-    if not problem.can_move or not impulse.any():  # `_solve_moving` has shared it
+    if not problem.can_move or not impulse.any():  # `_solve_moving` has already shared it
         return answer
     tight = answer.slack <= TIGHT * problem.scale
     if not problem.is_sparse:

@@ -1,7 +1,8 @@
 """The problem of contacts with friction: one Lorentz cone per contact, its natural map, and the form of an answer.
 
-Rows come contact by contact, the normal one first, the tangential ones multiplied by their coefficients of friction.
-With the impulses divided by the same coefficients, the friction cone of a contact is ``K = {(a, y) : |y| <= a}``.
+Rows are ordered contact by contact: first the normal row, then the tangential rows, multiplied by their coefficients of
+friction. With tangential impulses divided by the same coefficients, the friction cone of a contact is
+``K = {(a, y) : |y| <= a}``.
 """
 
 from __future__ import annotations
@@ -15,23 +16,23 @@ import numpy as np
 from impactlaw.solvers.problem import Status
 
 ENOUGH = 1e-10
-"""Relative residual up to which an impulse is accepted as an answer."""
+"""Largest relative residual of an accepted answer."""
 _TINY = 1e-300
 
 
 class ConeAnswer(NamedTuple):
-    """An impulse in the friction cones, with its velocity jump and how far the two are from the law."""
+    """An impulse in the friction cones, with its velocity jump and its residual."""
 
-    # ``Lambda``, shape (n,), in the rows' own units; tangential entries are divided by their coefficients
+    # ``Lambda``, shape (n,), in the units of the rows; tangential entries are divided by their coefficients
     impulse: np.ndarray
     jump: np.ndarray  # ``z = A^T Lambda``, shape (nv,), sqrt(J)
     residual: float  # length of the natural map, sqrt(J); see `ConeProblem.residual`
     status: Status  # "solved" if the residual is at most `ENOUGH` of the problem's scale, else "stopped"
-    iterations: int  # steps of all methods and attempts together; 0 in closed form
+    iterations: int  # total steps of all methods and attempts; 0 for the closed form
 
 
 class ConeProblem:
-    """Find ``Lambda`` with ``u = A A^T Lambda + b`` and, contact by contact, one of two complementarities.
+    """Find ``Lambda`` with ``u = A A^T Lambda + b`` and one of two complementarity conditions for each contact.
 
     - exact Coulomb friction, after de Saxcé: ``K ∋ Lambda  ⊥  u + |u_t| e_n ∈ K``. The normal part is
       ``0 <= Lambda_n  ⊥  u_n >= 0``, and friction opposes sliding with the whole of ``Lambda_n``.
@@ -40,22 +41,22 @@ class ConeProblem:
 
     `impactlaw.Coulomb` names the papers.
 
-    Inside, contacts of different size are padded with rows of zeros to one size m, and the rows of contact i are
-    divided by their length ``l_i``: cones do not change by that, and impulses and velocities are then in sqrt(J).
+    Internally, contacts are padded with rows of zeros to a common size m, and the rows of contact i are divided by a
+    length ``l_i``. This does not change the cones, and impulses and velocities are then in sqrt(J).
 
     Args:
-        gradients: ``A``, rows where the kinetic metric is Euclidean, shape (n, nv).
+        gradients: ``A``, rows in coordinates in which the kinetic metric is Euclidean, shape (n, nv).
         offset: ``b``, shape (n,).
-        sizes: rows of each contact, 1 for one without friction, shape (h,), adding up to n.
-        exact: exact Coulomb friction, or its convex relaxation.
-        speed: ``|v-|`` where it is known, sqrt(J).
+        sizes: number of rows of each contact, 1 for a contact without friction, shape (h,), with sum n.
+        exact: whether friction is exact Coulomb friction or its convex relaxation.
+        speed: ``|v-|`` if known, sqrt(J).
 
     Attributes:
-        scale: the larger of ``speed`` and the largest ``|b_i| / l_i``, sqrt(J): what residuals are compared with.
-        lengths: ``l_i``, the largest length of a row of each contact; 1 where all are zero, shape (h,).
-        rows: A padded and scaled, shape (h m, nv).
+        scale: the larger of ``speed`` and the largest ``|b_i| / l_i``, sqrt(J), with which residuals are compared.
+        lengths: ``l_i``, the largest length of a row of each contact; 1 if all its rows are zero, shape (h,).
+        rows: A, padded and scaled, shape (h m, nv).
         shape: (h, m).
-        start: b padded and scaled, shape (h, m).
+        start: b, padded and scaled, shape (h, m).
     """
 
     __slots__ = ("_delassus", "_place", "exact", "lengths", "rows", "scale", "shape", "start")
@@ -83,7 +84,7 @@ class ConeProblem:
 
     @property
     def delassus(self) -> np.ndarray:
-        """``rows rows^T``, which not every problem needs, shape (h m, h m)."""
+        """The Delassus matrix ``rows rows^T``, computed when first needed, shape (h m, h m)."""
         if self._delassus is None:
             self._delassus = self.rows @ self.rows.T
         return self._delassus
@@ -94,7 +95,7 @@ class ConeProblem:
         self.scale = speed if speed > largest else largest
 
     def _padded(self, values: np.ndarray) -> np.ndarray:
-        """Return values of the rows, (n,), with zeros for the rows that pad the contacts, (h, m)."""
+        """Return values of the rows, (n,), with zeros for padding rows, (h, m)."""
         if self._place is None:
             return values.reshape(self.shape)
         padded = np.zeros(self.shape)
@@ -102,14 +103,14 @@ class ConeProblem:
         return padded
 
     def starting(self, offset: np.ndarray, speed: float) -> ConeProblem:
-        """Return the same contacts with another offset, (n,), and speed."""
+        """Return the problem of the same contacts with another offset, (n,), and speed."""
         problem = copy(self)
         problem._start(offset, speed)
         return problem
 
     @property
     def relaxed(self) -> ConeProblem:
-        """The same contacts with the convex relaxation of friction."""
+        """The problem of the same contacts with the convex relaxation of friction."""
         problem = copy(self)
         problem.exact = False
         return problem
@@ -120,11 +121,11 @@ class ConeProblem:
         return len(self.rows) > self.rows.shape[1]
 
     def scaled(self, impulse: np.ndarray) -> np.ndarray:
-        """Return an impulse (n,) padded and scaled, (h, m)."""
+        """Return an impulse, (n,), padded and scaled, (h, m)."""
         return self._padded(impulse) * self.lengths[:, None]
 
     def unscaled(self, x: np.ndarray) -> np.ndarray:
-        """Return the impulse (n,) of a scaled one, (h, m)."""
+        """Return the impulse, (n,), of a scaled one, (h, m)."""
         flat = (x / self.lengths[:, None]).reshape(-1)
         return flat if self._place is None else flat[self._place]
 
@@ -136,8 +137,9 @@ class ConeProblem:
     def residual(self, x: np.ndarray, u: np.ndarray) -> float:
         """Return the length of the natural map ``x - P_K(x - u - |u_t| e_n)``, sqrt(J), of scaled impulse and velocity.
 
-        For the convex relaxation it is ``x - P_K(x - u)``. Zero if and only if the complementarity holds. As K is its
-        own dual, ``x - P_K(x - w) = w - P_K(w - x)``, which sees a wrong w next to impulses whose rounding hides it.
+        For the convex relaxation the map is ``x - P_K(x - u)``. It is zero if and only if the complementarity condition
+        holds. Since K is self-dual, ``x - P_K(x - w) = w - P_K(w - x)``; the second form also detects errors of w that
+        are smaller than the rounding errors of large impulses x.
         """
         if self.exact and self.shape[1] > 1:
             u = u.copy()
@@ -152,7 +154,7 @@ class ConeProblem:
 
 
 def project(x: np.ndarray) -> np.ndarray:
-    """Return the nearest points of ``K = {(a, y) : |y| <= a}``, row by row, (h, m)."""
+    """Return the projections of points onto ``K = {(a, y) : |y| <= a}``, row by row, (h, m)."""
     a = x[:, 0]
     if x.shape[1] == 1:
         return np.maximum(x, 0.0)
@@ -166,7 +168,7 @@ def project(x: np.ndarray) -> np.ndarray:
 
 
 def projection_derivative(x: np.ndarray) -> np.ndarray:
-    """Return a generalized derivative of `project` at each row, (h, m, m); symmetric, between 0 and 1."""
+    """Return a generalized derivative of `project` at each row, (h, m, m), symmetric with eigenvalues in [0, 1]."""
     h, m = x.shape
     a, y = x[:, 0], x[:, 1:]
     r = np.sqrt(np.vecdot(y, y))

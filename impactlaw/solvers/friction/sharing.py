@@ -1,4 +1,4 @@
-"""One impulse among the many that redundant contacts with friction leave: the least, so that they share alike."""
+"""Share the impulse among redundant contacts with friction: of all solutions, take the impulse of least norm."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from impactlaw.solvers.friction.problem import ConeProblem, project, projection_
 from impactlaw.solvers.sparsity import components
 
 _TINY = 1e-300
-_LEAST = 1e-6  # of the diagonal of G, at most 1, that the steps of the map are made of
+_LEAST = 1e-6  # lower limit of the diagonal of G, at most 1, whose inverse is the step of the map
 _RANK = 1e-9  # relative singular value of the derivative below which contacts are redundant
-_FEW = 8  # contacts up to which it is not worth a look who feels whom
-_SHARED = 1e-12  # relative residual that sharing may cost
+_FEW = 8  # number of contacts up to which it is not worth searching for uncoupled groups
+_SHARED = 1e-12  # relative residual that a shared impulse may have
 
 
 def share(problem: ConeProblem, x: np.ndarray, residual: float) -> np.ndarray:
-    """Return the least impulse, scaled, that solves the problem with what sticks, slides or is open as with x.
+    """Return the scaled impulse of least norm with which contacts stick, slide or are open as with x.
 
-    Newton's equation at x, ``F'(x) (y - x) = -F(x)``, has many solutions y where G is singular: this is the least one.
-    It is found by itself for each group of contacts that do not feel the others, at the cube of the group's size.
+    Newton's equation at x, ``F'(x) (y - x) = -F(x)``, has many solutions y if G is singular; the one of least norm is
+    computed, separately for each group of coupled contacts, in a time that grows with the cube of the group's size.
 
     Returns:
-        The least one, (h, m); x itself if that one leaves the cones.
+        The impulse of least norm, (h, m); x itself if that impulse is not a solution, for example outside the cones.
     """
     value, system = _linearized(problem, x)
     wanted = system.dot(x.reshape(-1)) - value.reshape(-1)
@@ -37,7 +37,7 @@ def share(problem: ConeProblem, x: np.ndarray, residual: float) -> np.ndarray:
 
 
 def _parts(problem: ConeProblem) -> list[np.ndarray]:
-    """Return the rows of contacts that an impulse can reach through each other, group by group."""
+    """Return the rows of contacts, group by group; contacts of different groups are not coupled by G."""
     h, m = problem.shape
     rows = np.arange(h * m)
     if h <= _FEW:
@@ -47,12 +47,12 @@ def _parts(problem: ConeProblem) -> list[np.ndarray]:
 
 
 def _linearized(problem: ConeProblem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return F, (h, m), and F', (h m, h m), of a map that is zero where the complementarity holds.
+    """Return F, (h, m), and F', (h m, h m), of a map that is zero if and only if the complementarity holds.
 
-    ``F = x - P(x - R u)`` and ``F' = 1 - D + D R G``, with P the projection of the map, D its derivative, and R one
-    over the diagonal of G. For exact friction P is that of P. Alart and A. Curnier (Comput. Methods Appl. Mech. Eng.
-    92, 1991), normal part on the half line and tangential part on the disk of that radius; for the relaxation that on
-    the cone.
+    ``F = x - P(x - R u)`` and ``F' = 1 - D + D R G`` with a projection P, its derivative D, and the inverse diagonal R
+    of G. For exact friction P is that of P. Alart and A. Curnier (Comput. Methods Appl. Mech. Eng. 92, 1991): the
+    normal part is projected onto the half line, and the tangential part onto the disk with the normal part as radius.
+    For the relaxation, P is the projection onto the cone.
     """
     h, m = problem.shape
     u = problem.velocity(x)
@@ -72,12 +72,12 @@ def _linearized(problem: ConeProblem, x: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _on_disks(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return ``(N, y_t`` cut to the length N``)`` with ``N = max(y_n, 0)``, (h, m), and its derivative, (h, m, m)."""
+    """Return ``(N, y_t)``, (h, m), with ``N = max(y_n, 0)``, ``|y_t|`` limited to N, and its derivative, (h, m, m)."""
     h, m = y.shape
     N, q = np.maximum(y[:, 0], 0.0), y[:, 1:]
     r = np.sqrt(np.vecdot(q, q))
     cut = N / np.maximum(np.maximum(r, N), _TINY)
-    direction = np.where(r > N, 1.0 / np.maximum(r, _TINY), 0.0)[:, None] * q  # zero where it sticks
+    direction = np.where(r > N, 1.0 / np.maximum(r, _TINY), 0.0)[:, None] * q  # zero for sticking contacts
     projected, D = np.empty((h, m)), np.zeros((h, m, m))
     projected[:, 0], projected[:, 1:] = N, cut[:, None] * q
     D[:, 0, 0] = N > 0

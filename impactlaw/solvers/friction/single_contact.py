@@ -1,4 +1,4 @@
-"""One contact with exact friction: open, sticking, or sliding in a direction that one equation in one unknown tells."""
+"""Solve one contact with exact friction: open, sticking, or sliding in a direction found from a scalar equation."""
 
 from __future__ import annotations
 
@@ -8,21 +8,23 @@ import numpy as np
 
 from impactlaw.solvers.friction.problem import ConeProblem
 
-STEEP = 0.9  # of G_nn, that the coupling with friction may have: above, sliding may press a contact closed by itself
-SINGULAR = 1e-12  # part of an entry of the diagonal of G up to which a pivot is rounding
-_STEPS = 20
-_TURN = 1e-15  # rad, that one more step would turn
-_LONGEST = 0.5  # rad in one step
+STEEP = 0.9  # largest |G_nt| relative to G_nn: above, sliding itself may press a contact closed
+SINGULAR = 1e-12  # pivot, relative to the diagonal entry of G, that counts as zero
+_STEPS = 20  # largest number of Newton steps
+_TURN = 1e-15  # change of the angle at which the iteration ends, rad
+_LONGEST = 0.5  # largest change of the angle in one step, rad
 
 
 def single(problem: ConeProblem, guess: np.ndarray | None) -> np.ndarray | None:
     """Return the scaled impulse, (1, m), of a problem of one contact with up to two directions of sliding.
 
-    A contact that slides along d has ``Lambda_t = -Lambda_n d`` and ``u_n = 0``, hence ``Lambda_n = -b_n / D`` with
-    ``D = G_nn - G_nt d``, and d is that of ``D u_t = D b_t - b_n (G_tn - G_tt d)``.
+    A contact that slides along the unit vector d has ``Lambda_t = -Lambda_n d`` and ``u_n = 0``, hence
+    ``Lambda_n = -b_n / D`` with ``D = G_nn - G_nt d``, and d is the direction of
+    ``D u_t = D b_t - b_n (G_tn - G_tt d)``.
 
     Returns:
-        None where G is singular, friction is so large that there may be several solutions, or none is found.
+        The impulse; None if G is singular, if friction is so large that there may be several solutions, or if no
+        solution is found.
     """
     m = problem.shape[1]
     G, b = problem.delassus.tolist(), problem.start[0].tolist()
@@ -67,7 +69,7 @@ def _along_a_line(G: list[list[float]], b: list[float]) -> np.ndarray | None:
 
 
 def _in_a_plane(G: list[list[float]], b: list[float], sliding: list[float]) -> np.ndarray | None:
-    """Find d by Newton's method for the angle in which ``D u_t`` is along d, from that of a sliding velocity."""
+    """Find d by Newton's method for the angle at which ``D u_t`` is along d, starting at that of a sliding velocity."""
     (normal, p, q), (_, r, s), (_, _, t) = G
     pressed, x, y = b
     angle = atan2(sliding[2], sliding[1])
@@ -77,7 +79,7 @@ def _in_a_plane(G: list[list[float]], b: list[float], sliding: list[float]) -> n
         ux = D * x - pressed * (p - r * c - s * d)
         uy = D * y - pressed * (q - s * c - t * d)
         along = ux * c + uy * d
-        if along <= 0.0:  # that is where friction would push
+        if along <= 0.0:  # friction would push along the sliding velocity
             angle = atan2(uy, ux)
             continue
         slope = along + (turn * x + pressed * (s * c - r * d)) * d - (turn * y + pressed * (t * c - s * d)) * c

@@ -1,4 +1,4 @@
-"""From a problem of contacts with friction to its impulse: a closed form for one contact, else the compiled solver."""
+"""Solve a problem of contacts with friction: in closed form for one contact, else by the compiled solver."""
 
 from __future__ import annotations
 
@@ -12,47 +12,47 @@ from impactlaw.solvers.friction.single_contact import single
 from impactlaw.solvers.one_thread import one_thread
 from impactlaw.solvers.problem import Status
 
-_ALONE = 1e-13  # relative residual with which the answer for a contact alone needs no Newton step
+_ALONE = 1e-13  # relative residual at which the answer for a single contact needs no Newton step
 _SHARP = 1e-13  # relative residual that the compiled solver aims at
-_AGAIN = 4  # times that a thorough search begins again from the best point that it has found
-_WORTH_IT = 0.5  # part of the residual that is left, up to which beginning again is of use in haste
-_MUCH = 1e6  # works of a time step: nothing is too much, but what is hopeless ends
-_FACTORS = 1.0, 4.0  # of impulses of the convex problem, where others lead nowhere
+_AGAIN = 4  # number of starts of a thorough search, each from the best point found before
+_WORTH_IT = 0.5  # in haste, start again only if the last start reduced the residual to less than this part
+_MUCH = 1e6  # budget in haste, in works of a time step: practically unlimited, but hopeless searches end early
+_FACTORS = 1.0, 4.0  # of impulses of the convex problem, as starting points if all else fails
 THOROUGH = 24
-"""Rounds of what is slower and safer than Newton's method, after which none has helped more."""
+"""Rounds of slower and safer methods than Newton's, beyond which further rounds have never helped."""
 BRIEF = 8
 """Rounds that are worth their time within a step."""
 STEPS_OF_A_ROUND = 150
-"""Steps that a round usually has."""
+"""Typical number of steps in a round."""
 
 
 class Effort(Protocol):
-    """How much work a collision may take.
+    """A budget of work for a collision.
 
     Attributes:
-        hasty: whether restitution for which no impulses are found is left out at once, not scaled down, and little is
-            tried where nothing says that there are any.
+        hasty: whether to omit restitution at once, instead of scaling it down, if no impulses are found for it; and to
+            try little if there is no indication that a solution exists.
     """
 
     hasty: bool
 
     def rounds(self, rows: int) -> int:
-        """Return how many rounds a problem of so many rows may have where Newton's method fails."""
+        """Return the number of rounds allowed for a problem with a number of rows, if Newton's method fails."""
         ...
 
     def steps(self, rows: int) -> float:
-        """Return how many steps such a problem may take in all; an attempt that has begun may take more.
+        """Return the total number of steps allowed for such a problem; an attempt that has begun may exceed it.
 
-        Raises where no attempt may begin.
+        Raises if no attempt may begin.
         """
         ...
 
     def attempt(self, rows: int, steps: int) -> None:
-        """Count one attempt, which took so many steps; raise to end the matter."""
+        """Count an attempt and its steps; raise to end the search."""
         ...
 
     def begin_part(self) -> None:
-        """Begin with contacts that influence none of the others: they may take some work of their own."""
+        """Begin a group of contacts that do not influence the others, and may have a budget of their own."""
         ...
 
 
@@ -66,22 +66,23 @@ def solve_cones(
 ) -> ConeAnswer:
     """Solve a problem of contacts with friction.
 
-    One contact alone has a closed form, or nearly so (`single_contact.single`), which needs nothing that is compiled.
-    Any other problem is for the solver of time stepping (`impactlaw.solvers.cones`): Newton's method from the guess,
-    then from no impulse, and rounds of slower methods where it fails; and if no effort is spared, again from the best
-    point, and from impulses of the convex problem. In haste, Newton's method alone comes first, see `cones.retry`.
-    Solutions need not be unique for large coefficients of friction; the same problem always gets the same one.
+    A single contact has a closed form, or nearly so (`single_contact.single`), which needs no compiled code. Any other
+    problem is solved by the compiled solver (`impactlaw.solvers.cones`): Newton's method from the guess, then from zero
+    impulse, and rounds of slower methods if it fails. A thorough search then starts again from the best point, and from
+    impulses of the convex problem. In haste, Newton's method is tried alone first, see `cones.retry`. For large
+    coefficients of friction there may be several solutions; the same problem always returns the same one.
 
     Args:
-        problem: what to solve.
-        guess: an impulse near the solution, (n,), such as that of a step before.
-        rounds: most rounds where Newton's method fails.
-        most: steps after which nothing more is tried.
-        hasty: whether little is tried where nothing says that there is a solution, see `cones.convex.out_of_reach`.
+        problem: the problem to solve.
+        guess: an impulse near the solution, (n,), such as that of the previous step.
+        rounds: largest number of rounds if Newton's method fails.
+        most: number of steps after which no further attempt begins.
+        hasty: whether to try little if there is no indication that a solution exists, see
+            `cones.convex.out_of_reach`.
 
     Returns:
-        The best answer found; its status is "solved" if its residual is at most 1e-10 of the problem's scale, and
-        "infeasible" where that was found in haste.
+        The best answer found. Its status is "solved" if its residual is at most 1e-10 of the problem's scale, and
+        "infeasible" if a hasty search found that there is no solution.
     """
     if problem.exact and problem.shape[0] == 1:
         x = single(problem, guess)
@@ -103,7 +104,7 @@ def solve_cones(
 
 
 def solve_within(problem: ConeProblem, guess: np.ndarray | None, rounds: int, effort: Effort | None) -> ConeAnswer:
-    """Call `solve_cones` with what an effort allows, and count there what it took; None is no limit."""
+    """Call `solve_cones` within the limits of an effort, and count its work there; None means no limit."""
     if effort is None:
         return solve_cones(problem, guess, rounds=rounds)
     rows = problem.start.size
@@ -113,7 +114,10 @@ def solve_within(problem: ConeProblem, guess: np.ndarray | None, rounds: int, ef
 
 
 def _attempt(problem: ConeProblem, guess: np.ndarray | None, rounds: int, most: float, hasty: bool) -> ConeAnswer:
-    """Return what the compiled solver finds from a guess, and from there again, in so many steps or a few more."""
+    """Return the answer of the compiled solver from a guess, started repeatedly from the point that it reached.
+
+    No start begins after `most` steps.
+    """
     x, residual, total, part = np.zeros(problem.shape), np.inf, 0, _WORTH_IT if hasty else 1.0
     for k in range(_AGAIN if rounds > BRIEF else 2):
         quick = hasty and k == 0
@@ -121,8 +125,8 @@ def _attempt(problem: ConeProblem, guess: np.ndarray | None, rounds: int, most: 
         total += taken
         with np.errstate(all="ignore"):
             reached = problem.residual(found, problem.velocity(found))
-        enough = residual <= ENOUGH * problem.scale  # and once more from there made it sharper, or did not
-        again = reached >= part * residual < np.inf  # it would begin once more where it began, or near there
+        enough = residual <= ENOUGH * problem.scale  # solved before this start, which could only sharpen the answer
+        again = reached >= part * residual < np.inf  # no progress: another start would begin at nearly the same point
         if reached < residual:
             x, residual = found, reached
         hopeless = again or (residual > ENOUGH * problem.scale and rounds <= BRIEF)
@@ -138,9 +142,9 @@ def _attempt(problem: ConeProblem, guess: np.ndarray | None, rounds: int, most: 
 
 
 def cost(rows: int, freedoms: int) -> tuple[float, float]:
-    """Return what a problem of so many rows costs before the first step, and each step, ms on one core of an AMD EPYC.
+    """Return the estimated time of a problem before the first step, and per step, ms on one core of an AMD EPYC.
 
-    Fitted to problems of 6 to 384 rows and 6 to 240 degrees of freedom, within 50 %.
+    The estimate is a fit to problems of 6 to 384 rows and 6 to 240 degrees of freedom, within 50 %.
     """
     return 0.1 + 3e-7 * rows**2 * freedoms, 6e-3 + 1.5e-4 * rows + 1e-7 * min(rows, freedoms) ** 3
 
@@ -148,7 +152,7 @@ def cost(rows: int, freedoms: int) -> tuple[float, float]:
 def compiled_answer(
     problem: ConeProblem, guess: np.ndarray | None, rounds: int, *, hasty: bool = False
 ) -> tuple[np.ndarray, int]:
-    """Return what the compiled solver finds: scaled impulse, (h, m), and all its steps."""
+    """Return the result of the compiled solver: the scaled impulse, (h, m), and the total number of steps."""
     from impactlaw.compiled import compile_together
 
     compile_together("impactlaw.solvers.cones.solve")
@@ -163,7 +167,7 @@ def compiled_answer(
 
 
 def retry(problem: ConeProblem, x: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Return what `cones.retry` makes of a scaled impulse, (h, m), and whether bodies jam."""
+    """Return a scaled impulse, (h, m), improved by `cones.retry`, and whether bodies jam."""
     from impactlaw.solvers.cones.retry import retry
 
     rows, groups = _layout(problem)
@@ -173,7 +177,7 @@ def retry(problem: ConeProblem, x: np.ndarray) -> tuple[np.ndarray, bool]:
 
 
 def _layout(problem: ConeProblem) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
-    """Return the rows of a problem, and its groups, as compiled functions take them."""
+    """Return the rows of a problem, and its groups, in the form that compiled functions read."""
     from impactlaw.solvers.cones import CONE
 
     (h, m), nv = problem.shape, problem.rows.shape[1]
@@ -186,7 +190,7 @@ def _layout(problem: ConeProblem) -> tuple[tuple[np.ndarray, ...], tuple[np.ndar
 
 
 def shared(problem: ConeProblem, answer: ConeAnswer) -> ConeAnswer:
-    """Return the answer with the impulse shared among redundant contacts, of least norm in the scale of the problem."""
+    """Return the answer with the impulse shared among redundant contacts: the scaled impulse of least norm."""
     x = problem.scaled(answer.impulse)
     with np.errstate(all="ignore"), one_thread():
         least = share(problem, x, answer.residual)

@@ -1,1 +1,1 @@
-"""Solvers of the frictionless problem, one file each."""
+"""Solvers of the frictionless problem, one per file."""

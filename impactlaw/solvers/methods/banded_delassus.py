@@ -1,4 +1,4 @@
-"""The Delassus matrix of contacts that few others touch, as a band, and systems with it on some of the contacts."""
+"""The Delassus matrix as a band, for contacts coupled with few others, and its factors on active contacts."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import scipy
 
 from impactlaw.solvers.problem import Problem
 
-_MOST = 4e7  # stored entries of the band; a factor of that size takes some seconds
+_MOST = 4e7  # largest number of stored entries of the band; a factor of that size takes some seconds
 
 
 class BandedDelassus:
     """``G = U U^T`` for the unit gradients U of a problem, in an order of the contacts that makes the band narrow.
 
     Attributes:
-        order: contact at each place of the band, (h,).
-        band: ``G[j + k, j]`` at ``[k, j]``, (width + 1, h); no rows where it would be too large.
+        order: contact at each position of the band, (h,).
+        band: ``G[j + k, j]`` at ``[k, j]``, (width + 1, h); without rows if it would be too large.
     """
 
     def __init__(self, problem: Problem):
@@ -43,15 +43,15 @@ class BandedDelassus:
 
     @cached_property
     def largest(self) -> float:
-        """A bound of the largest eigenvalue of G: the largest sum of a row's magnitudes."""
+        """An upper bound of the largest eigenvalue of G: the largest sum of a row's magnitudes."""
         return float(abs(self._delassus).sum(axis=1).max())
 
     def product(self, impulse: np.ndarray) -> np.ndarray:
-        """Return ``U (U^T Lambda)``, (h,), which has not the rounding of G."""
+        """Return ``U (U^T Lambda)``, (h,), without the rounding errors of G."""
         return self._gradients @ (self._transposed @ impulse)
 
     def factor(self, active: np.ndarray, shift: float) -> Factor | None:
-        """Return the factor of ``G + shift 1`` on the active contacts; None where it is singular to rounding."""
+        """Return the factor of ``G + shift 1`` on the active contacts; None if it is numerically singular."""
         band = self.band.copy()
         band[0] += shift
         if not active.all():
@@ -62,10 +62,10 @@ class BandedDelassus:
 
 
 class Factor:
-    """A Cholesky factor of a band in which inactive contacts are coupled with none.
+    """A Cholesky factor of a band in which inactive contacts are uncoupled.
 
     Attributes:
-        least_pivot: least squared sine of the angle between a unit gradient and the span of those before it.
+        least_pivot: least squared sine of the angle between a unit gradient and the span of the gradients before it.
     """
 
     def __init__(self, factor: np.ndarray, active: np.ndarray):

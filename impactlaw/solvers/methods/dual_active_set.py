@@ -1,4 +1,4 @@
-"""A dual active set (daqp) on the velocity form, for any bound, also one that no velocity reaches exactly.
+"""A dual active set method (daqp) on the velocity form, for any bound, also one that no velocity reaches exactly.
 
 D. Arnström, A. Bemporad and D. Axehill, IEEE Trans. Automat. Contr. 67, 2022.
 """
@@ -14,7 +14,7 @@ _DAQP_INFEASIBLE = -1  # daqp's exit flag
 
 
 def dual_active_set(problem: Problem) -> Solution:
-    """Solve ``min |z|^2 / 2, Y z >= c`` with rows of unit length and bounds of size one."""
+    """Solve ``min |z|^2 / 2, Y z >= c`` by daqp, with rows scaled to unit length and bounds scaled to size one."""
     import daqp
 
     Y, c = problem.unit
@@ -29,12 +29,12 @@ def dual_active_set(problem: Problem) -> Solution:
         np.full(h, 1e30),
         c / size,
         np.zeros(h, dtype=np.int32),
-        # rounding of c cannot make the problem unsolvable
+        # at least the rounding errors of c, which must not make the problem infeasible
         primal_tol=max(DAQP_PRIMAL, RAY_ROUNDING * problem.scale / size),
         dual_tol=DAQP_DUAL,
         iter_limit=100 * (h + nv),
     )
-    if flag <= 0:  # then the multipliers are whatever the memory held
+    if flag <= 0:  # then the multipliers are uninitialized memory
         status = Status.INFEASIBLE if flag == _DAQP_INFEASIBLE else Status.STOPPED
         return Solution(np.zeros_like(c), status, info["iterations"])
     return Solution(np.maximum(0.0 - info["lam"], 0.0) * size / problem.lengths, Status.SOLVED, info["iterations"])

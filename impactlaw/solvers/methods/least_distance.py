@@ -1,4 +1,4 @@
-"""Lawson and Hanson's least-distance form by NNLS, scaled so that it keeps its digits: slow, sure, for any bound.
+"""Lawson and Hanson's least-distance form by NNLS, scaled to keep its accuracy: slow but reliable, for any bound.
 
 C. L. Lawson and R. J. Hanson, *Solving Least Squares Problems*, 1974, ch. 23, problem LDP.
 """
@@ -17,8 +17,8 @@ _PASSES = 8
 def least_distance(problem: Problem) -> Solution:
     """Solve ``min |z|, Y z >= c`` by ``min |Y^T u|^2 + (c^T u / t - 1)^2, u >= 0`` with t near ``|z|``.
 
-    One pass with a wrong t loses the digits of ``(|z| / t)^2``, so t follows the ``|z|`` of the pass before. A residual
-    of zero at the largest t means that u is a Farkas ray: the law has no solution.
+    A pass with a wrong t loses accuracy by a factor ``(|z| / t)^2``. Therefore each pass uses the ``|z|`` of the pass
+    before as t. A residual of zero at the largest t means that u is a Farkas ray: the law has no solution.
     """
     Y, c = problem.unit
     h, nv = Y.shape
@@ -33,8 +33,8 @@ def least_distance(problem: Problem) -> Solution:
         except RuntimeError:
             return Solution(np.zeros(h), Status.STOPPED, done)
         z = u @ Y
-        left = 1.0 - u @ c / t  # of the law's own row; |residual|^2 where u is exact
-        if left < 1e-6:  # |z| exceeds t a thousandfold
+        left = 1.0 - u @ c / t  # residual of the last row; equal to |residual|^2 if u is exact
+        if left < 1e-6:  # |z| is more than a thousand times t
             if t >= farthest:
                 return Solution(np.zeros(h), Status.INFEASIBLE, done)
             t = min(1e3 * t, farthest)

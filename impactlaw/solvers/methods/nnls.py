@@ -1,4 +1,4 @@
-"""Lawson and Hanson's non-negative least squares: exact where the wanted contact velocities are those of a velocity.
+"""Lawson and Hanson's non-negative least squares: exact if some velocity has the wanted contact velocities.
 
 C. L. Lawson and R. J. Hanson, *Solving Least Squares Problems*, 1974, ch. 23.
 """
@@ -12,15 +12,15 @@ from impactlaw.solvers.least_squares import least_squares
 from impactlaw.solvers.problem import Problem, Solution, Status
 from impactlaw.solvers.tolerances import IN_RANGE
 
-_NNLS_CHANGES = 30  # of the active set, per contact, at most
+_NNLS_CHANGES = 30  # largest number of changes of the active set per contact
 
 
 def nnls(problem: Problem) -> Solution:
-    """Solve ``min |Y^T Lambda - d|, Lambda >= 0``, the law's problem whenever ``Y d = c``.
+    """Solve ``min |Y^T Lambda - d|, Lambda >= 0``, which is the law's problem if ``Y d = c``.
 
-    Without a known d the least-norm one is computed; a bound outside of the range of Y has none, and the answer is
-    ``Status.STOPPED`` (a dual active set solves those). Rows are scaled first, to lengths from 1/2 to 1, by powers of
-    two, which rounds nothing.
+    If d is not given, the one of least norm is computed. If the bound lies outside the range of Y, there is no d, and
+    the status is ``Status.STOPPED`` (a dual active set solves such problems). Rows are first scaled to lengths from 1/2
+    to 1, by powers of two, which causes no rounding.
     """
     d = problem.preimage
     if d is None:
@@ -31,6 +31,6 @@ def nnls(problem: Problem) -> Solution:
     scale = np.ldexp(1.0, np.frexp(problem.lengths)[1])[:, None]
     try:
         impulse, _ = scipy.optimize.nnls((problem.gradients / scale).T, d, maxiter=_NNLS_CHANGES * len(scale))
-    except RuntimeError:  # how scipy says that these changes of the active set were not enough
+    except RuntimeError:  # scipy raises it if these changes of the active set do not suffice
         return Solution(np.zeros_like(problem.bound), Status.STOPPED)
     return Solution(impulse / scale[:, 0])

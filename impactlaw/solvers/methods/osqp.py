@@ -1,4 +1,4 @@
-"""OSQP, an operator splitting method for quadratic programs: the one many people know, to compare with.
+"""OSQP, a widely used operator splitting method for quadratic programs, for comparison.
 
 B. Stellato, G. Banjac, P. Goulart, A. Bemporad and S. Boyd, Math. Program. Comput. 12, 2020.
 """
@@ -11,14 +11,17 @@ import scipy
 from impactlaw.solvers.certificate import natural_residual
 from impactlaw.solvers.problem import Problem, Solution, Status
 
-_OSQP_INFEASIBLE = (3, 4)  # osqp's status: primal infeasible, also inaccurately
+_OSQP_INFEASIBLE = (3, 4)  # osqp's status values: primal infeasible, and primal infeasible inaccurate
 
 
 def osqp(problem: Problem, *, tolerance: float = 1e-9, iterations: int = 10_000, polish: bool = True) -> Solution:
-    """Solve ``min |z|^2 / 2, Y z >= c`` with rows of unit length and bounds of size one, to a tolerance.
+    """Solve ``min |z|^2 / 2, Y z >= c`` by OSQP, with rows scaled to unit length and bounds scaled to size one.
 
-    The tolerance is OSQP's absolute and relative one; what is not accurate after so many iterations is
-    ``Status.STOPPED``, with its impulse. To polish is to solve once more on the constraints that were found active.
+    Args:
+        problem: the problem to solve.
+        tolerance: OSQP's absolute and relative tolerance.
+        iterations: number of iterations after which the status is ``Status.STOPPED``, with the impulse reached.
+        polish: whether OSQP solves again on the constraints that it found active.
     """
     import osqp as package
 

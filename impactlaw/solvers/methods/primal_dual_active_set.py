@@ -1,4 +1,4 @@
-"""A primal-dual active set on a banded Delassus matrix, for chains and piles: all contacts active at the start."""
+"""A primal-dual active set method on a banded Delassus matrix, for chains and piles; all contacts start active."""
 
 from __future__ import annotations
 
@@ -10,20 +10,21 @@ from impactlaw.solvers.methods.banded_delassus import BandedDelassus, Factor
 from impactlaw.solvers.problem import Problem, Solution, Status
 from impactlaw.solvers.tolerances import DOUBTFUL, ILL, NEAR, REACHED, SHIFTS, SIGNLESS, SINGULAR
 
-_PROXIMAL = 60  # steps of the proximal point method, with systems of which each is definite
-_GUESSES = 60  # of the active set, at most
-_PATIENCE = 8  # changes without fewer wrong contacts, after which gradients look for a better guess
-_GRADIENTS = 3000
-_REFINEMENTS = 3
+_PROXIMAL = 60  # largest number of proximal point steps; each solves definite systems
+_GUESSES = 60  # largest number of guesses of the active set
+_PATIENCE = 8  # changes without fewer wrong contacts, after which projected gradients look for a better guess
+_GRADIENTS = 3000  # largest number of projected gradient steps
+_REFINEMENTS = 3  # largest number of steps of iterative refinement
 
 
 def primal_dual_active_set(problem: Problem) -> Solution:
     """Solve ``Y z >= c``, ``z = Y^T Lambda``, by guessing the contacts that carry an impulse and correcting the guess.
 
-    On the active contacts ``G Lambda = c``, on the others ``Lambda = 0``; then those with ``Lambda < 0`` leave and
-    those with ``Y z < c`` enter; when that makes the guess no better, projected gradients give another one. Where
-    active gradients depend on each other, proximal points ``(G + s) Lambda' = c + s Lambda``, found the same way, lead
-    to a solution. Residuals are computed through Y, not through G. Changes and steps are bounded: ``Status.STOPPED``.
+    For a guess, ``G Lambda = c`` on the active contacts and ``Lambda = 0`` on the others. Then contacts with
+    ``Lambda < 0`` leave the active set and contacts with ``Y z < c`` enter it. If this no longer improves the guess,
+    projected gradients provide another one. If active gradients are dependent, proximal points
+    ``(G + s) Lambda' = c + s Lambda``, found in the same way, converge to a solution. Residuals are computed with Y,
+    not with G. The numbers of changes and steps are limited; beyond them the status is ``Status.STOPPED``.
     """
     h = len(problem.bound)
     if h == 0 or not (problem.bound > 0).any():
@@ -48,7 +49,7 @@ class _Search:
         self.changes = 0
 
     def run(self) -> np.ndarray | None:
-        """Return the impulses, (h,), or None."""
+        """Return the scaled impulses, (h,), or None if no solution is found."""
         active = np.ones(len(self.bound), dtype=bool)
         settled = self._settle(active, 0.0, self.bound)
         if settled is not None and np.linalg.norm(np.minimum(*settled)) <= REACHED * self.scale:
@@ -71,7 +72,10 @@ class _Search:
         return best if least <= REACHED * self.scale else None
 
     def _settle(self, active: np.ndarray, shift: float, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return ``Lambda >= 0  ⊥  (G + shift) Lambda - wanted >= 0``, both; None if singular or not found."""
+        """Solve ``0 <= Lambda  ⊥  (G + shift) Lambda - wanted >= 0``.
+
+        Return Lambda and the slack, or None if a system is singular or no solution is found.
+        """
         fewest, patience, helped = len(wanted) + 1, _PATIENCE, False
         for _ in range(_GUESSES):
             factor = self.U.factor(active, shift)
@@ -100,7 +104,10 @@ class _Search:
         return None
 
     def _approach(self, impulse: np.ndarray, shift: float, wanted: np.ndarray) -> np.ndarray:
-        """Return a point near the solution by Nesterov's accelerated projected gradients, restarted where they turn."""
+        """Return a point near the solution by Nesterov's accelerated projected gradients with restarts.
+
+        The acceleration restarts when a step points backwards.
+        """
         ahead, t, step = impulse, 1.0, 1.0 / (self.U.largest + shift)
         for count in range(_GRADIENTS):
             slack = self._slack(ahead, wanted, shift)
@@ -118,7 +125,7 @@ class _Search:
     def _refined(
         self, factor: Factor, active: np.ndarray, impulse: np.ndarray, wanted: np.ndarray, shift: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return better impulses that solve the system on the active contacts, and the slack of all contacts."""
+        """Refine impulses that solve the system on the active contacts; return them and the slack of all contacts."""
         slack = self._slack(impulse, wanted, shift)
         error = np.linalg.norm(slack * active)
         for _ in range(_REFINEMENTS):

@@ -1,4 +1,4 @@
-"""Projected Gauss-Seidel, one contact after the other: what most engines use, to compare with."""
+"""Projected Gauss-Seidel, contact by contact: the method of most physics engines, for comparison."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import numpy as np
 from impactlaw.solvers.certificate import natural_residual
 from impactlaw.solvers.problem import Problem, Solution, Status
 
-_CHECKED = 10  # sweeps between two looks at the residual
+_CHECKED = 10  # sweeps between two checks of the residual
 
 
 def projected_gauss_seidel(problem: Problem, *, sweeps: int = 1000, tolerance: float = 1e-10) -> Solution:
     """Set ``Lambda_i`` to ``max(0, Lambda_i + (c_i - Y_i z) / G_ii)``, contact by contact, sweep after sweep.
 
-    A natural map of the tolerance, relative to the scale of the problem, is enough; after so many sweeps the answer is
-    ``Status.STOPPED``, with the impulse it got to.
+    The iteration ends when the natural map, relative to the scale of the problem, is at most the tolerance. After the
+    given number of sweeps the status is ``Status.STOPPED``, with the impulse reached.
     """
     U, c = problem.unit
     h, nv = U.shape
