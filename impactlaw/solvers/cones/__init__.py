@@ -1,6 +1,6 @@
 """Compiled solver of contact problems with friction, in cones scaled by their coefficients of friction.
 
-Nothing is compiled here: that is done where `solve` and `retry` are imported.
+Importing this package compiles no code; importing its modules `solve` and `retry` does.
 """
 
 from impactlaw.solvers.cones.algebra.structure import BILATERAL, BOX, CONE

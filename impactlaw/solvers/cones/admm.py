@@ -1,8 +1,9 @@
-"""Alternating directions with a proximal term and a spectral penalty (Carpentier, Montaut, Le Lidec 2024).
+"""The alternating direction method with a proximal term and a spectral penalty (Carpentier, Montaut, Le Lidec 2024).
 
-``x`` minimizes the quadratic part, ``y`` is its projection, ``w`` the multiplier of ``x = y``, which tends to the
-velocity. De Saxcé's correction is taken from the w of the step before. The matrix ``G + c + rho`` is inverted by
-``H = I + A^T T A`` with the diagonal ``T = 1 / (c + rho)``, of the size of the degrees of freedom (Woodbury).
+``x`` minimizes the quadratic part, ``y`` is its projection, and ``w`` is the multiplier of ``x = y``, which converges
+to the velocity. De Saxcé's correction is computed from the w of the previous step. The matrix ``G + c + rho`` is
+inverted by the matrix ``H = I + A^T T A`` over the degrees of freedom, with the diagonal ``T = 1 / (c + rho)``
+(Woodbury).
 """
 
 import numpy as np
@@ -29,15 +30,15 @@ from impactlaw.solvers.cones.algebra.projection import norm_of, project, residua
 from impactlaw.solvers.cones.algebra.structure import CONE, ISLAND, Island, jump, rows_times, velocity
 
 _PROXIMAL = 1e-8
-_LEAST = 1e-6  # what stands for the least eigenvalue of G
-_POWER = 0.3  # rho = sqrt(_LEAST L) (L / _LEAST)^power, first power and how far it moves
-_MOVE = 0.05
-_FACTORIZATIONS = 25
+_LEAST = 1e-6  # used in place of the least eigenvalue of G
+_POWER = 0.3  # initial power in rho = sqrt(_LEAST L) (L / _LEAST)^power
+_MOVE = 0.05  # change of the power
+_FACTORIZATIONS = 25  # largest number of factorizations
 
 
 @once
 def largest_eigenvalue(P: Island) -> float:
-    """Return about the largest eigenvalue of ``A A^T + c``, from 15 steps of the power method."""
+    """Return an estimate of the largest eigenvalue of ``A A^T + c``, from 15 steps of the power method."""
     n = len(P.b)
     v, w, z = numbers(n), numbers(n), numbers(P.nv)
     zero, L = zeros(n), 0.0
@@ -66,7 +67,7 @@ def _prepare(P: Island, K: Blocks, rho: float, W: Array, H: Array, pivot: Array,
 
 @plain
 def _shift(P: Island, u: Array, v: Array, sign: float) -> None:
-    """Add ``sign |u_t|`` to the normal entries of v, where friction is exact."""
+    """Add ``sign |u_t|`` to the normal entries of v if friction is exact."""
     if P.exact:
         for g in range(len(P.kind)):
             if P.kind[g] == CONE:
@@ -75,9 +76,9 @@ def _shift(P: Island, u: Array, v: Array, sign: float) -> None:
 
 @linked(types.int64(ISLAND, BLOCKS, types.float64, FLOATS, types.float64, types.int64))
 def admm(P: Island, K: Blocks, L: float, x: Array, tolerance: float, most: int) -> int:
-    """Overwrite x by what at most `most` steps from it lead to; return steps taken.
+    """Overwrite x by the result of at most `most` steps from x; return steps taken.
 
-    `L` is the largest eigenvalue of ``A A^T + c``.
+    `L` is the largest eigenvalue of ``A A^T + c``; `tolerance` is the natural map at which to stop.
     """
     n, groups = len(x), len(P.kind)
     W, H, pivot = numbers(P.square[groups]), numbers(K.size), indices(max(n, P.nv))

@@ -1,11 +1,11 @@
-"""The convex problem with held correction, by augmented Lagrangians, and the fixed point on de Saxcé's correction.
+"""Solve the convex problem with de Saxcé's correction held, by augmented Lagrangians, and iterate on the correction.
 
-With the correction s held (``b + s e_n`` for b) the problem is the optimality condition of
+With the correction s held (``b + s e_n`` in place of b), the problem is the optimality condition of
 ``min |A^T x|^2 / 2 + c |x|^2 / 2 + b^T x, x in the sets``. A proximal step with the compliance kappa minimizes
-``|z|^2 / 2 + sum kappa (y^T P(y) - |P(y)|^2 / 2)`` over z, with ``y = (q x - A z - b) / kappa`` group by group, kappa
-larger than the compliance of the group and ``q = kappa - c``, by Newton's method with a line search; the new x is
-P(y). The correction ``s = |u_t|`` is then found by Anderson's acceleration (Acary & Brogliato 2008, section 13.7, and
-Acary & Cadoux 2013 for the fixed point; Walker & Ni 2011).
+``|z|^2 / 2 + sum kappa (y^T P(y) - |P(y)|^2 / 2)`` over z by Newton's method with a line search. Here
+``y = (q x - A z - b) / kappa`` for each group, kappa is larger than the compliance c of the group, and
+``q = kappa - c``. The new x is P(y). The correction is the fixed point ``s = |u_t|``, found with Anderson's
+acceleration (Acary & Brogliato 2008, section 13.7, and Acary & Cadoux 2013 for the fixed point; Walker & Ni 2011).
 """
 
 import numpy as np
@@ -31,12 +31,12 @@ from impactlaw.solvers.cones.algebra.projection import norm_of, project, project
 from impactlaw.solvers.cones.algebra.structure import BOX, ISLAND, Island, jump, rows_times, velocity
 
 _START, _END = 1e-1, 1e-6  # compliance of the first and of the last proximal step
-_STEPS = 50  # of Newton's method for one proximal step
-_MEMORY = 5
-_EXACT = np.bool_(False)  # the convex problem is not
-_FAR = 1e3  # change of velocity, relative to the scale of a problem, that no impulses make in practice
-_COMPLIANCES = np.array([1e-2, 1e-4, 1e-6, 1e-8, 1e-8])  # of proximal steps that look for a velocity as near as that
-_ROUNDING = 1e-12  # part of impulse and scale that what they give may be wrong by
+_STEPS = 50  # largest number of Newton steps of one proximal step
+_MEMORY = 5  # number of earlier points that the acceleration uses
+_EXACT = np.bool_(False)  # the convex problem has no exact friction
+_FAR = 1e3  # change of velocity, relative to the scale of the problem, that does not occur in practice
+_COMPLIANCES = np.array([1e-2, 1e-4, 1e-6, 1e-8, 1e-8])  # of the proximal steps that search for a nearer velocity
+_ROUNDING = 1e-12  # relative rounding error of the product of impulse and offset
 
 
 @plain
@@ -56,7 +56,10 @@ def _envelope(P: Island, y: Array, p: Array, kappa: Array) -> float:
 def proximal_step(
     P: Island, K: Blocks, b: Array, x: Array, z: Array, least: float, tolerance: float, W: Array, H: Array
 ) -> int:
-    """Overwrite x by the next proximal point, with at least the compliance `least`, from z; return Newton steps."""
+    """Overwrite x by the next proximal point, starting from z, and z by its jump; return Newton steps.
+
+    The compliance of the step is that of each group plus `least`; `tolerance` is that of the gradient.
+    """
     n, groups, nv = len(x), len(P.kind), P.nv
     kappa, most_rows = numbers(groups), 1
     y, p, yt, pt, w = numbers(n), numbers(n), numbers(n), numbers(n), numbers(n)
@@ -126,9 +129,9 @@ def proximal_step(
 
 @kernel
 def held(P: Island, K: Blocks, b: Array, x: Array, tolerance: float, outer: int, most: int, W: Array, H: Array) -> int:
-    """Overwrite x by the solution of the convex problem with the offset b, the best of `outer` proximal steps.
+    """Overwrite x by the best point of `outer` proximal steps on the convex problem with the offset b.
 
-    None of them begins after `most` Newton steps.
+    No proximal step begins after `most` Newton steps. Return the Newton steps taken.
     """
     n = len(x)
     point, z, u, size = copied(x), numbers(P.nv), numbers(n), 0.0
@@ -155,10 +158,11 @@ def held(P: Island, K: Blocks, b: Array, x: Array, tolerance: float, outer: int,
 
 @plain
 def _separates(P: Island, x: Array, z: Array, scale: float) -> bool:
-    """Return whether an impulse x proves that no velocity within reach is in the dual cones.
+    """Return whether an impulse x proves that no velocity within reach lies in the dual cones.
 
-    For x in the cones and each solution y, ``x^T (A (A^T y) + C y + b) >= 0``, and therefore
-    ``|(A^T y, sqrt(C) y)| >= -b^T x / |(A^T x, sqrt(C) x)|``. Box rows, whose velocity is free, take no part.
+    For x in the cones and every solution y, ``x^T (A (A^T y) + C y + b) >= 0``, and therefore
+    ``|(A^T y, sqrt(C) y)| >= -b^T x / |(A^T x, sqrt(C) x)|``. Box rows, whose velocity is free, are ignored: their
+    entries of x are set to 0.
     """
     given = square = 0.0
     for g in range(len(P.kind)):
@@ -176,10 +180,11 @@ def _separates(P: Island, x: Array, z: Array, scale: float) -> bool:
 def out_of_reach(P: Island, K: Blocks, scale: float) -> tuple[int, bool]:
     """Return Newton steps taken, and whether the convex problem has no solution, or one that is too far away.
 
-    Then nothing says that there are impulses with exact friction (V. Acary, F. Cadoux, C. Lemaréchal and J. Malick,
-    ZAMM 91, 2011, whose condition for their existence this is), and bodies that jam are of this kind. What a proximal
-    step adds is the proof (G. Banjac, P. Goulart, B. Stellato and S. Boyd, J. Optim. Theory Appl. 183, 2019): next to
-    what collides elsewhere, the whole impulse would not show a small jam.
+    Solvability of the convex problem is the criterion of V. Acary, F. Cadoux, C. Lemaréchal and J. Malick (ZAMM 91,
+    2011) for the existence of impulses with exact friction. Without it there is no indication that such impulses exist;
+    jammed bodies are of this kind. The impulse added by a proximal step is tested as a proof (G. Banjac, P. Goulart,
+    B. Stellato and S. Boyd, J. Optim. Theory Appl. 183, 2019). The total impulse would not reveal a small jam beside
+    larger collisions elsewhere.
     """
     n = len(P.b)
     x, before, added, y, z = zeros(n), numbers(n), numbers(n), numbers(n), zeros(P.nv)
@@ -197,7 +202,7 @@ def out_of_reach(P: Island, K: Blocks, scale: float) -> tuple[int, bool]:
 
 @kernel
 def _accelerated(S: Array, F: Array, count: int, new: Array) -> None:
-    """Write Anderson's next point from the last `count` points S and the steps F there."""
+    """Write the next point of Anderson's acceleration from the last `count` points S and their fixed-point steps F."""
     q, h = count - 1, len(new)
     N, right, pivot = zeros(q * q), zeros(q), indices(q)
     trace = 0.0
@@ -221,9 +226,9 @@ def _accelerated(S: Array, F: Array, count: int, new: Array) -> None:
 
 @linked(types.int64(ISLAND, BLOCKS, FLOATS, types.float64, types.int64, types.int64, types.int64))
 def corrected(P: Island, K: Blocks, x: Array, tolerance: float, sweeps: int, outer: int, most: int) -> int:
-    """Overwrite x by the best of `sweeps` convex problems, each with a new correction; return Newton steps.
+    """Overwrite x by the best solution of `sweeps` convex problems, each with a new correction; return Newton steps.
 
-    Each has at most `outer` proximal steps, of which none begins after `most` Newton steps in all.
+    Each problem has at most `outer` proximal steps. None of them begins after a total of `most` Newton steps.
     """
     n, groups = len(x), len(P.kind)
     s, new, b, u, z = zeros(groups), numbers(groups), numbers(n), numbers(n), numbers(P.nv)

@@ -1,14 +1,14 @@
-"""The order of attempts: Newton's method from the guess or from rest, from the best point, then slower rounds.
+"""The order of attempts: Newton's method from the guess or from zero impulse, from the best point, then slower rounds.
 
-Where friction is not unique, Newton's method runs in circles. With the other map (of exact friction) it often ends
-soon from the best point that it has found, or from where an interior point method leads to, from there, the guess or
-rest. In piles of bodies that method comes first, and where hundreds of rows depend on each other, nothing comes after
-it.
+If friction is not unique, Newton's method may cycle. With the other map (of exact friction) it often converges soon
+from the best point found, or from the result of an interior point method that is started at the best point, at the
+guess or at zero impulse. In piles of bodies the interior point method comes first; if a pile has hundreds of coupled
+rows, no further method is tried.
 
-In turn alternating directions, and convex problems with accelerated correction; each goes on from where it was, and
-each is followed by Newton's method with another map, step and regularization. The best point of all is kept.
-Where work is limited, these rounds end where they have not come near a solution and the convex problem is seen to have
-none (`convex.out_of_reach`).
+The rounds alternate between the alternating direction method and convex problems with an accelerated correction. Each
+of the two continues from its own last point, and is followed by Newton's method with another map, step and
+regularization. The best point of all is kept. If work is limited, the rounds end if they have not come near a solution
+and the convex problem is found to have none (`convex.out_of_reach`).
 """
 
 import numpy as np
@@ -34,49 +34,49 @@ from impactlaw.solvers.cones.islands import compressed
 from impactlaw.solvers.cones.large import solve_large
 from impactlaw.solvers.cones.newton import ALART_CURNIER, CONVEX, DE_SAXCE, newton
 
-_FIRST_STEPS = np.array([4, 30, 12, 30])  # Newton steps with two maps from the guess, and from rest
-_FIRST_EASE = 1e2  # regularization per relative natural map there: all that is allowed until 1e-5 is left
+_FIRST_STEPS = np.array([4, 30, 12, 30])  # Newton steps with two maps from the guess, and from zero impulse
+_FIRST_EASE = 1e2  # regularization per relative natural map there: the largest allowed until 1e-5 is left
 _BEST, _FROM_BEST, _FROM_GUESS, _FROM_REST, _AGAIN = 0, 1, 2, 3, 4
 _BEGINS = np.array([_BEST, _FROM_BEST, _FROM_GUESS, _FROM_REST, _AGAIN, _BEST])
-"""Where Newton's method begins after that: at the best point, where the interior point method leads to from there, from
-the guess or from rest, and there once more."""
+"""Next starting points of Newton's method: the best point; the result of the interior point method started at the best
+point, at the guess or at zero impulse; the last of these results again; and the best point again."""
 _MAPS = np.array([ALART_CURNIER, ALART_CURNIER, ALART_CURNIER, ALART_CURNIER, DE_SAXCE, DE_SAXCE])
-_MOST = np.array([10, 10, 10, 15, 25, 25])  # steps of each
-_SCALES = np.array([1.0, 1.0, 1.0, 10.0, 1.0, 1.0])  # of R
+_MOST = np.array([10, 10, 10, 15, 25, 25])  # Newton steps of each
+_SCALES = np.array([1.0, 1.0, 1.0, 10.0, 1.0, 1.0])  # factor of R
 _EASES = np.array([0.0, 0.0, 0.0, 0.0, 1e2, 1.0])  # regularization per relative natural map
-_HOPEFUL = 1e-2  # part of the scale from which on the natural map does not say that there is a solution
+_HOPEFUL = 1e-2  # relative natural map up to which a solution is likely to exist
 _AFTER, _LONG = np.int64(25), np.int64(75)  # Newton steps after each round, in an island of one block and of many
-_PATIENCE, _ENDLESS = np.int64(8), np.int64(1000)
+_PATIENCE, _ENDLESS = np.int64(8), np.int64(1000)  # patience of Newton's method
 _PROXIMAL = np.int64(8)  # proximal steps of a convex problem
-_BRIEF, _HASTE = np.int64(10), np.int64(4)  # the same in large islands
+_BRIEF, _HASTE = np.int64(10), np.int64(4)  # Newton steps after each round and patience in large islands
 _KINDS = np.array([DE_SAXCE, DE_SAXCE, ALART_CURNIER, DE_SAXCE, ALART_CURNIER, DE_SAXCE, DE_SAXCE, ALART_CURNIER])
-_FACTORS = np.array([1.0, 1.0, 1.0, 1.0, 0.1, 0.1, 0.3, 1.0])
+_FACTORS = np.array([1.0, 1.0, 1.0, 1.0, 0.1, 0.1, 0.3, 1.0])  # factor of R
 _EASE = np.array([0.1, 0.01, 0.0, 0.0, 1.0, 0.1, 0.0, 1.0])  # regularization per relative natural map
-_DENSE, _REDUCED = 1e-12, 1e-9  # least regularization of the system of all rows, and of the degrees of freedom
-_LATE = 8  # round from which more is done
+_DENSE, _REDUCED = 1e-12, 1e-9  # least regularization of the system of all rows, and of that over degrees of freedom
+_LATE = 8  # round from which rounds are longer
 _WORK = 1.5e7  # operations after which no further round begins ...
-_FACTORIZATIONS = 150.0  # ... or so many factorizations of one block, whatever is more ...
-_OF_MANY = 30.0  # ... or of many blocks ...
-_OF_LARGE = 1.0  # ... or in an island of so many rows, where Newton's method soon gets no further
-_SET_UP = 4  # Newton steps that it takes to set up a problem
-_ENOUGH, _NEAR = np.int64(4), 1e2  # round after which so many tolerances will do: such problems are degenerate
-_STAGNANT, _HOPELESS = 4, 8  # rounds without 10 % less after which to stop if they were long, and in any case
-_PROVED, _PROMISING = 1, 1e-1  # the same for convex problems, and the round before which to see if anything does
-_PILE = 40  # rows from which bodies are a pile
-_INTERIOR, _HANDED_ON = np.int64(15), 1e4  # steps of the interior point method, and tolerances that will do there
-_HURRY = np.int64(2)  # patience of Newton's method before and after it
-_SHORT = 0.25  # what is not long, as a part of the work allowed
+_FACTORIZATIONS = 150.0  # ... or so many factorizations of one block, whichever is more ...
+_OF_MANY = 30.0  # ... or so many of many blocks ...
+_OF_LARGE = 1.0  # ... or so many in a large island, where Newton's method soon stops making progress
+_SET_UP = 4  # cost of setting up a problem, in Newton steps
+_ENOUGH, _NEAR = np.int64(4), 1e2  # round from which, and tolerances at which, a degenerate problem counts as solved
+_STAGNANT, _HOPELESS = 4, 8  # rounds without an improvement by 10 %, after which to stop if they were long, or anyway
+_PROVED, _PROMISING = 1, 1e-1  # round before which `out_of_reach` is called if the relative natural map is above this
+_PILE = 40  # number of rows from which bodies may be a pile
+_INTERIOR, _HANDED_ON = np.int64(15), 1e4  # steps of the interior point method, and tolerances at which it ends
+_HURRY = np.int64(2)  # patience of Newton's method before and after it, in piles
+_SHORT = 0.25  # part of the allowed work up to which rounds do not count as long
 
 
 @plain
 def _is_pile(P: Island, K: Blocks) -> bool:
-    """Return whether an island is one of many bodies with exact friction, and without dry friction of joints."""
+    """Return whether an island has many bodies with exact friction, and no dry friction of joints."""
     return P.exact and len(P.b) >= _PILE and len(K.width) > 1 and not _has_boxes(P)
 
 
 @plain
 def _has_boxes(P: Island) -> bool:
-    """Return whether some joint has dry friction."""
+    """Return whether a joint has dry friction."""
     for kind in P.kind:
         if kind == BOX:
             return True
@@ -102,7 +102,7 @@ def _solve_pile(P: Island, K: Blocks, x: Array, scale: float, tolerance: float) 
 
 @plain
 def _solve_one_contact(P: Island, x: Array) -> tuple[int, float]:
-    """Do what `solve_island` does for one contact without friction: its velocity is exact, and so is its energy."""
+    """Solve one contact without friction, in place of `solve_island`: its velocity and its energy are exact."""
     square = P.c[0]
     for a in P.A:
         square += a * a
@@ -116,8 +116,8 @@ def solve_island(
 ) -> tuple[int, float]:
     """Overwrite the guess x by the best point found; return steps taken and its natural map.
 
-    `scale` is that of the velocities, `tolerance` the natural map that is small enough, `left` (1,) the part of the
-    work allowed that is left.
+    `scale` is the scale of the velocities, `tolerance` the natural map at which to stop, `left`, (1,), the remaining
+    part of the allowed work, and `rounds` the largest number of rounds.
     """
     n, cost = len(x), flops(P, K)
     if n == 1 and P.kind[0] == CONE:
@@ -169,7 +169,7 @@ def solve_island(
 
 @plain
 def _rest(P: Island, x: Array, point: Array) -> None:
-    """Write a point without impulses of contacts, and with the dry friction of x."""
+    """Write a point with zero impulses of contacts, and with the dry friction of x."""
     for g in range(len(P.kind)):
         for k in range(P.start[g], P.start[g + 1]):
             point[k] = x[k] if P.kind[g] == BOX else 0.0
@@ -180,9 +180,9 @@ def _go_on(
     P: Island, K: Blocks, G: Array, x: Array, start: Array, least: float, scale: float, tolerance: float, delta: float,
     step: float, left: Array,
 ) -> tuple[int, float, bool]:  # fmt: skip
-    """Try what follows Newton's method from the guess, `start`, or from rest; write the best point of all to x.
+    """Continue after Newton's method from the guess, `start`, or from zero impulse; write the best point of all to x.
 
-    Return steps taken, its natural map, and whether that is enough, or nothing more is to be tried.
+    Return steps taken, the natural map of that point, and whether to end here, with a solution or without hope of one.
     """
     n, total = len(x), 0
     inside, point = numbers(n), numbers(n)
@@ -227,11 +227,11 @@ def _rounds(
     few: bool,
     left: Array,
 ) -> tuple[int, float]:
-    """Go on from `start` in rounds, x is the best point; return steps taken and its natural map."""
+    """Take rounds of slower methods from `start`; keep the best point in x; return steps taken and its natural map."""
     L = largest_eigenvalue(P)
     alternating, convex, point = copied(start), start, numbers(len(x))
     cost, many = flops(P, K), len(K.width) > 1
-    apart = 4.0 * len(P.A) + 10.0 * len(x) + 4.0 * K.size  # of a step of alternating directions
+    apart = 4.0 * len(P.A) + 10.0 * len(x) + 4.0 * K.size  # operations of a step of alternating directions
     step = cost if not few else float(len(x)) ** 3 + 20.0 * len(x) ** 2
     limit = (_OF_LARGE if len(x) >= LARGE else _OF_MANY) * cost if many else max(_WORK, _FACTORIZATIONS * cost)
     work, total, before, stagnant = 0.0, 0, least, 0

@@ -1,14 +1,15 @@
-"""An interior point method for ``K ∋ x  ⊥  u = A A^T x + c x + b + |u_t| e_n ∈ K``, de Saxcé's correction in u.
+"""An interior point method for ``K ∋ x  ⊥  u = A A^T x + c x + b + |u_t| e_n ∈ K``.
 
-The convex relaxation is without that correction.
+Here u includes de Saxcé's correction ``|u_t| e_n``; the convex relaxation omits it.
 
-Primal and dual steps with the scaling of Nesterov & Todd and the predictor and corrector of Mehrotra (Acary, Armand &
-Nguyen 2023 for contact with friction). It needs no guess, and about as many steps as Newton's method takes from a good
-one; what it leaves, about 1e-4, is degenerate: friction that is not unique, contacts that only touch.
+The method is primal-dual, with the scaling of Nesterov & Todd and the predictor and corrector of Mehrotra (Acary,
+Armand & Nguyen 2023 for contact with friction). It needs no guess, and takes about as many steps as Newton's method
+from a good guess. In degenerate problems, where friction is not unique or contacts only touch, a natural map of about
+1e-4 remains.
 
-With W the scaling of a group, ``W u = W^-1 x``, and t the direction in which it slides, ``N = I - e_n t^T`` is the
-derivative of u without its correction. A step solves ``(G + c + N W^-2) dx = N W^-1 r - F``, that is with
-``E = (c + N W^-2)^-1`` the system ``(I + A^T E A) dz = A^T E q``.
+Let W be the scaling of a group, ``W u = W^-1 x``, and t its direction of sliding. Then ``N = I - e_n t^T`` is the
+derivative of the velocity without correction with respect to u. A step solves
+``(G + c + N W^-2) dx = N W^-1 r - F``, which with ``E = (c + N W^-2)^-1`` becomes ``(I + A^T E A) dz = A^T E q``.
 """
 
 import numpy as np
@@ -32,10 +33,10 @@ from impactlaw.solvers.cones.algebra.projection import norm_of, project, residua
 from impactlaw.solvers.cones.algebra.structure import BOX, CONE, ISLAND, Island, velocity
 
 _BILATERAL = 1e-9  # least compliance of equality constraints
-_SHORT = 0.99  # part of the way to the border of the cones
-_PATIENCE = 3  # steps in a row without a natural map that is 10 % less
+_SHORT = 0.99  # fraction of the way to the boundary of the cones
+_PATIENCE = 3  # consecutive steps without an improvement of the natural map by 10 %, after which to stop
 _BETTER = 0.9
-_NEAR = 1e-1  # natural map next to velocities up to which the guess is a start
+_NEAR = 1e-1  # largest natural map of a guess, relative to velocities, from which the method starts
 
 
 @plain
@@ -46,7 +47,7 @@ def _determinant(v: Array, o: int, e: int) -> float:
 
 @plain
 def _scaled(w: Array, o: int, e: int, eta: float, sign: float, v: Array, out: Array) -> None:
-    """Write ``W v`` of a group, or with ``1 / eta`` and the sign -1, ``W^-1 v``; out is another array."""
+    """Write ``W v`` of a group to out, or, with ``1 / eta`` and the sign -1, ``W^-1 v``; out must not be v."""
     s = 0.0
     for k in range(o + 1, e):
         s += w[k] * v[k]
@@ -58,7 +59,7 @@ def _scaled(w: Array, o: int, e: int, eta: float, sign: float, v: Array, out: Ar
 
 @plain
 def _product(a: Array, b: Array, o: int, e: int, f: float, out: Array) -> None:
-    """Add f times the Jordan product of a and b."""
+    """Add f times the Jordan product of a and b to out."""
     s = 0.0
     for k in range(o, e):
         s += a[k] * b[k]
@@ -69,7 +70,7 @@ def _product(a: Array, b: Array, o: int, e: int, f: float, out: Array) -> None:
 
 @plain
 def _quotient(a: Array, o: int, e: int, d: Array) -> None:
-    """Overwrite d by the y whose Jordan product with a it is."""
+    """Overwrite d by its quotient with a, the y for which d is the Jordan product of a and y."""
     s = 0.0
     for k in range(o + 1, e):
         s += a[k] * d[k]
@@ -81,7 +82,7 @@ def _quotient(a: Array, o: int, e: int, d: Array) -> None:
 
 @plain
 def _scale(P: Island, g: int, x: Array, u: Array, w: Array, E: Array, B: Array, pivot: Array) -> float:
-    """Write the point of scaling of a group, and E; return eta, whose square is the size of W^2."""
+    """Write the scaling point w of a group, and E; return eta, the factor of the scaling W."""
     o, e, at = P.start[g], P.start[g + 1], P.square[g]
     m, a, b, s = e - o, np.sqrt(_determinant(x, o, e)), np.sqrt(_determinant(u, o, e)), 0.0
     for k in range(o, e):
@@ -108,7 +109,7 @@ def _scale(P: Island, g: int, x: Array, u: Array, w: Array, E: Array, B: Array, 
 
 @plain
 def _prepare(P: Island, x, u, high, v, F, w, eta, lam, E, B, pivot) -> None:
-    """Write what a step needs of each group; v is the velocity without correction."""
+    """Write F, E and the scaling of each group for a step; v is the velocity without correction."""
     for g in range(len(P.kind)):
         o, e = P.start[g], P.start[g + 1]
         if P.kind[g] == CONE:
@@ -127,7 +128,7 @@ def _prepare(P: Island, x, u, high, v, F, w, eta, lam, E, B, pivot) -> None:
 
 @plain
 def _direction(P: Island, K: Blocks, x, u, high, F, w, eta, E, H, pivot, r, z, t, dx, du, dhigh) -> None:
-    """Write the step whose scaled parts, ``W^-1 dx + W du``, are r; of boxes r and w say what `aim_boxes` does."""
+    """Write the step with ``W^-1 dx + W du = r``; for boxes, r and w hold what `aim_boxes` writes."""
     for g in range(len(P.kind)):
         o, e = P.start[g], P.start[g + 1]
         if P.kind[g] == CONE:
@@ -159,7 +160,7 @@ def _direction(P: Island, K: Blocks, x, u, high, F, w, eta, E, H, pivot, r, z, t
 
 @plain
 def _reach(x: Array, d: Array, o: int, e: int) -> float:
-    """Return how far along d the border of the cone is, 1e9 if it is not met."""
+    """Return the distance along d to the boundary of the cone, in lengths of d; 1e9 if d does not meet it."""
     a, c = d[o] ** 2 - norm_of(d, o + 1, e) ** 2, _determinant(x, o, e)
     b = x[o] * d[o]
     for k in range(o + 1, e):
@@ -178,7 +179,7 @@ def _reach(x: Array, d: Array, o: int, e: int) -> float:
 
 @plain
 def _length(P: Island, x, u, high, dx, du, dhigh) -> float:
-    """Return how far the step stays inside of all cones, at most 1."""
+    """Return the fraction of the step, at most 1, that stays inside all cones and boxes."""
     far = 1.0
     for g in range(len(P.kind)):
         if P.kind[g] == CONE:
@@ -192,7 +193,7 @@ def _length(P: Island, x, u, high, dx, du, dhigh) -> float:
 
 @plain
 def _gap(P: Island, x, u, high, dx, du, dhigh, f: float) -> float:
-    """Return the mean of ``x^T u`` of a contact, and of the products of boxes, after a part f of the step."""
+    """Return the mean of ``x^T u`` of contacts and of the products of boxes, after a fraction f of the step."""
     s, count = 0.0, 0
     for g in range(len(P.kind)):
         if P.kind[g] == CONE:
@@ -208,7 +209,7 @@ def _gap(P: Island, x, u, high, dx, du, dhigh, f: float) -> float:
 
 @plain
 def _correct(P: Island, w, eta, lam, dx, du, center: float, r, t, p) -> None:
-    """Write what a step aims at that follows the central path, from the step that does not."""
+    """Write the right side r of the corrector step, which follows the central path, from the predictor step."""
     for g in range(len(P.kind)):
         if P.kind[g] == CONE:
             o, e = P.start[g], P.start[g + 1]
@@ -224,7 +225,7 @@ def _correct(P: Island, w, eta, lam, dx, du, center: float, r, t, p) -> None:
 
 @plain
 def _begin(P: Island, x, v, r: float, size: float, t, point, u, high) -> None:
-    """Write where to start: inside of the cones, near the guess if its natural map r is small next to velocities."""
+    """Write a starting point inside the cones, near the guess if its natural map r is small compared to velocities."""
     inside = size
     if r < _NEAR * size:
         inside = np.sqrt(r * size)
@@ -248,7 +249,7 @@ def _begin(P: Island, x, v, r: float, size: float, t, point, u, high) -> None:
 
 @plain
 def _advance(P: Island, K: Blocks, x, u, high, S, eta, E, H, pivot, z) -> None:
-    """Take the step from x and u, H factored; S: what `_prepare` has written, and room."""
+    """Take the step from x and u; H is factored, and S holds what `_prepare` has written, and scratch arrays."""
     F, w, lam, r, t, p, dx, du, dhigh = S[0], S[1], S[2], S[3], S[4], S[5], S[6], S[7], S[8]
     for k in range(len(x)):
         r[k] = -lam[k]
@@ -274,11 +275,11 @@ def interior(P: Island, K: Blocks, x: Array, size: float, tolerance: float, most
 
     Args:
         P: the problem.
-        K: storage of the matrix of the size of the degrees of freedom.
-        x: guess, written.
-        size: of velocities.
-        tolerance: natural map that is small enough.
-        most: steps.
+        K: storage of the matrix over the degrees of freedom.
+        x: guess, overwritten.
+        size: scale of the velocities.
+        tolerance: natural map at which to stop.
+        most: largest number of steps.
     """
     n, groups, rows = len(x), len(P.kind), 1
     for g in range(groups):

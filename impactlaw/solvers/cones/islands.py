@@ -1,4 +1,4 @@
-"""From the rows of a problem to the scaled problem of one island, its columns in order of elimination."""
+"""Build the scaled problem of one island, with columns in order of elimination, from the rows of a problem."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from impactlaw.solvers.cones.algebra.loops import Array, counts, indices, number
 from impactlaw.solvers.cones.algebra.ordering import Blocks, lay_out, least_degree, one_block
 from impactlaw.solvers.cones.algebra.structure import Island
 
-_ONE_BLOCK = 48  # degrees of freedom up to which an island is one dense block
+_ONE_BLOCK = 48  # largest number of degrees of freedom of an island that is one dense block
 
 
 @once
@@ -25,7 +25,7 @@ def _columns(
     cols: Array,
     dofs: Array,
 ) -> tuple[int, int]:
-    """Number the degrees of freedom as they are met, list the columns of each group; return how many of both."""
+    """Number the degrees of freedom in order of appearance and list the columns of each group; return both counts."""
     nv = count = 0
     for j in range(len(members)):
         g = members[j]
@@ -46,7 +46,7 @@ def _columns(
 
 @once
 def _blocks(tree: Array, dofs: Array, begin: Array, cols: Array) -> Blocks:
-    """Return the storage of the matrix, a block for each tree; `cols` are renumbered."""
+    """Return the storage of the matrix, with a block for each tree; `cols` are renumbered in order of elimination."""
     nv, trees, nb = len(dofs), 0, 0
     home, inside, wide = np.empty(nv, np.int64), np.empty(nv, np.int64), np.zeros(nv, np.int64)
     for d in dofs:
@@ -93,7 +93,7 @@ def build(
 ) -> tuple[Island, Blocks]:
     """Return the scaled problem of the groups `members`, and the storage of its matrix.
 
-    `number` and `seen` (nv,) are room filled with -1, which all islands may share.
+    `number` and `seen`, (nv,), are scratch arrays filled with -1 at first; the islands of a problem share them.
     """
     groups = len(members)
     start, begin = counts(groups + 1), counts(groups + 1)
@@ -139,7 +139,7 @@ def build(
 
 @once
 def compressed(P: Island) -> tuple[Island, Blocks]:
-    """Return the same problem with at most as many degrees of freedom as rows: ``A Q`` with orthogonal Q."""
+    """Return the same problem with as many degrees of freedom as rows, ``A Q`` with orthogonal Q; A has more."""
     n, groups = len(P.b), len(P.kind)
     Y = zeros(n * P.nv).reshape((n, P.nv))
     for g in range(groups):
@@ -150,7 +150,7 @@ def compressed(P: Island) -> tuple[Island, Blocks]:
             a += P.begin[g + 1] - begin
     triangular_rows(Y)
     begin, entry = counts(groups + 1), counts(groups + 1)
-    for g in range(groups):  # the rows up to e have e columns
+    for g in range(groups):  # rows before e have at most e columns
         e = P.start[g + 1]
         begin[g + 1] = begin[g] + e
         entry[g + 1] = entry[g] + (e - P.start[g]) * e

@@ -1,7 +1,7 @@
-"""Large islands without friction, or with friction held: Newton's method, and once more from what is safe.
+"""Solve large islands of convex problems, without friction or with de Saxcé's correction held.
 
-Such problems are convex. Newton's method mostly solves them in a few steps; where it does not, augmented Lagrangians
-come near enough from anywhere.
+Newton's method mostly solves them in a few steps. If it fails, augmented Lagrangians come near the solution from any
+point, and Newton's method starts again there.
 """
 
 import numpy as np
@@ -13,16 +13,16 @@ from impactlaw.solvers.cones.convex import corrected
 from impactlaw.solvers.cones.newton import CONVEX, newton
 
 _STEPS, _PATIENCE = np.int64(10), np.int64(4)  # of Newton's method
-_ONE, _PROXIMAL = np.int64(1), np.int64(8)  # convex problem, and its proximal steps
+_ONE, _PROXIMAL = np.int64(1), np.int64(8)  # number of convex problems, and of proximal steps
 _DELTA = 1e-9  # least regularization
-_NEAR = 1e2  # tolerances that will do
+_NEAR = 1e2  # largest natural map of an accepted point, in tolerances
 
 
 @kernel
 def solve_large(P: Island, K: Blocks, x: Array, tolerance: float, most: int) -> tuple[int, float]:
     """Overwrite the guess x by the best point found; return steps taken and its natural map.
 
-    `tolerance` is the natural map that is small enough; what is safe begins no proximal step after `most` Newton steps.
+    `tolerance` is the natural map at which to stop. No proximal step begins after `most` Newton steps.
     """
     dense, one, none = numbers(0), 1.0, 0.0
     total, least = newton(P, K, dense, x, tolerance, _STEPS, CONVEX, one, _DELTA, none, _PATIENCE)

@@ -1,11 +1,12 @@
 """Semismooth Newton's method for ``x = P(x - R u)``.
 
-Two maps with the same zeros where friction is exact: that of Alart & Curnier (1991), which projects tangential
-impulses on the disk of the normal one, and the natural map of de Saxcé & Feng (1998), which projects on the cone.
+For exact friction there are two maps with the same zeros: that of Alart & Curnier (1991), which projects tangential
+impulses onto the disk whose radius is the normal impulse, and the natural map of de Saxcé & Feng (1998), which projects
+onto the cone.
 
-With E = D R S, D the derivative of the projection and S that of ``u + |u_t| e_n``, a step solves
-``(I - D + E (A A^T + c + delta)) dx = F``. Where rows are few this is done as it stands. Where there are more rows than
-degrees of freedom, dx is eliminated group by group: with ``B = I - D + E (c + delta)``, ``W = B^-1 E``,
+Let D be the derivative of the projection, S that of ``u + |u_t| e_n``, and ``E = D R S``. A step solves
+``(I - D + E (A A^T + c + delta)) dx = F``. If there are few rows, this system is solved directly. If there are more
+rows than degrees of freedom, dx is eliminated group by group: with ``B = I - D + E (c + delta)`` and ``W = B^-1 E``,
 ``(I + A^T W A) dz = A^T B^-1 F`` and ``dx = B^-1 F - W A dz``.
 """
 
@@ -33,16 +34,16 @@ from impactlaw.solvers.cones.algebra.projection import norm_of, project, project
 from impactlaw.solvers.cones.algebra.structure import CONE, ISLAND, Island, velocity
 
 ALART_CURNIER, DE_SAXCE, CONVEX = 0, 1, 2
-"""Maps: on disk and half line; on the cone with de Saxcé's correction; on the cone without it."""
-_HALVINGS = 6
-_MOST = 1e-3  # largest regularization: friction that is not unique stays near the guess, and converges all the same
-_BETTER = 0.9  # part of the natural map that a step leaves which is of use
-_QUICK = 0.1  # more steps are taken while each leaves less than this part of the natural map
+"""Maps: projection onto disk and half line; onto the cone with de Saxcé's correction; onto the cone without it."""
+_HALVINGS = 6  # largest number of halvings of a step in the line search
+_MOST = 1e-3  # largest regularization: it keeps friction that is not unique near the guess, without hurting convergence
+_BETTER = 0.9  # ratio of natural maps below which a step counts as an improvement
+_QUICK = 0.1  # ratio of successive natural maps below which steps continue beyond their number
 
 
 @once
 def step_factors(P: Island, kind: int, scale: float, rn: Array, rt: Array) -> None:
-    """Write R of each group: one over the diagonal of ``A A^T + c``, normal and tangential or the larger of both."""
+    """Write R of each group: one over the diagonal of ``A A^T + c``, normal and tangential, or over the larger one."""
     for g in range(len(P.kind)):
         a, width = P.entry[g], P.begin[g + 1] - P.begin[g]
         normal = tangential = 0.0
@@ -88,7 +89,7 @@ def mapping(P: Island, x: Array, u: Array, kind: int, rn: Array, rt: Array, y: A
 
 @plain
 def _disk_derivative(y: Array, o: int, m: int, D: Array) -> None:
-    """Write the derivative of Alart and Curnier's projection."""
+    """Write the derivative of Alart and Curnier's projection of a contact."""
     for k in range(m):
         for j in range(m):
             D[k, j] = 0.0
@@ -144,7 +145,7 @@ def derivatives(
 
 @once
 def dense_step(P: Island, G: Array, B: Array, E: Array, M: Array, pivot: Array, step: Array) -> None:
-    """Overwrite `step` by ``(B + E G)^-1 step``; M: room for n x n."""
+    """Overwrite `step` by ``(B + E G)^-1 step``; M is room for n x n numbers."""
     n = len(step)
     for g in range(len(P.kind)):
         o, w = P.start[g], P.square[g]
@@ -175,7 +176,7 @@ def reduced_step(
     w: Array,
     step: Array,
 ) -> None:
-    """Overwrite `step` by the same, from the system of the size of the degrees of freedom; B and E are overwritten."""
+    """Do the same as `dense_step` with the system over the degrees of freedom; B and E are overwritten."""
     for g in range(len(P.kind)):
         o, at = P.start[g], P.square[g]
         m = P.start[g + 1] - o
@@ -206,21 +207,22 @@ def newton(
     share: float,
     patience: int,
 ) -> tuple[int, float]:
-    """Overwrite x by the best point on the way; return steps taken and its natural map.
+    """Overwrite x by the best point of all steps; return steps taken and its natural map.
 
     Args:
         P: the problem.
-        K: storage of the matrix of the size of the degrees of freedom.
-        G: ``A A^T + c`` where the dense system of all rows is to be used, row by row, else empty.
-        x: where to start.
-        tolerance: natural map that is small enough.
-        most: steps; up to twice as many while they converge. Without friction one more follows the tolerance: it is
-            exact but for rounding, and so is the energy of elastic bodies.
-        kind: which map.
-        scale: of R.
+        K: storage of the matrix over the degrees of freedom.
+        G: ``A A^T + c``, row by row, to use the dense system of all rows; else empty.
+        x: starting point.
+        tolerance: natural map at which to stop.
+        most: number of steps; up to twice as many while they converge quickly. Without friction one more step follows
+            when the tolerance is reached: then the solution is exact up to rounding, and so is the energy of elastic
+            collisions.
+        kind: the map.
+        scale: factor of R.
         delta: least regularization.
-        share: regularization per natural map.
-        patience: steps in a row without a natural map that is 10 % less, after which to stop.
+        share: regularization relative to the natural map.
+        patience: consecutive steps without an improvement of the natural map by 10 %, after which to stop.
     """
     n, groups, dense = len(x), len(P.kind), len(G) > 0
     most_rows = 1
@@ -239,7 +241,7 @@ def newton(
     least = residual(P, point, u, exact)
     merit = mapping(P, point, u, kind, rn, rt, y, p, F)
     taken, r, before = 0, least, least
-    fruitless, spare = 0, least > tolerance and most_rows == 1  # see `most`
+    fruitless, spare = 0, least > tolerance and most_rows == 1  # spare: the step that follows the tolerance
     while spare or (least > tolerance and (taken < most or (r < _QUICK * before and taken < 2 * most))):
         spare, before = spare and least > tolerance and taken < most, r
         if fruitless == patience:

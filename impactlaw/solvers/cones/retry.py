@@ -1,6 +1,6 @@
-"""What follows where Newton's method fails: do bodies jam, and if not, is there an answer inside of the cones?
+"""Check, after Newton's method has failed, whether bodies jam, and if not, try an interior point method.
 
-Rounds of slower methods take hundreds of steps to find neither.
+Rounds of slower methods would take hundreds of steps to find neither.
 """
 
 import numpy as np
@@ -17,8 +17,9 @@ from impactlaw.solvers.cones.newton import DE_SAXCE, newton
 from impactlaw.solvers.cones.rows import islands
 from impactlaw.solvers.cones.solve import in_islands
 
-_STEPS, _AFTER, _ENDLESS = np.int64(15), np.int64(25), np.int64(1000)  # of the interior point method, and Newton's
-_HANDED_ON = 1e4  # tolerances that will do before Newton's method
+# largest numbers of steps, of the interior point method and of Newton's method after it, and the latter's patience
+_STEPS, _AFTER, _ENDLESS = np.int64(15), np.int64(25), np.int64(1000)
+_HANDED_ON = 1e4  # natural map, in tolerances, at which Newton's method takes over
 _ONE, _NO_EASE = 1.0, 0.0
 _DENSE, _REDUCED = 1e-12, 1e-9  # least regularization of the system of all rows, and of the degrees of freedom
 
@@ -31,7 +32,7 @@ def _retry_one(
     members, rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, length, exact, tolerance,
     x, number, seen,
 ):  # fmt: skip
-    """Do what `retry` does for the groups of one island."""
+    """Do the work of `retry` for the groups of one island."""
     P, K = build(
         members, rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, length, exact, number,
         seen,
@@ -88,9 +89,10 @@ def retry(
     tolerance: float,
     x: Array,
 ) -> bool:
-    """Overwrite a guess x by what is found near the interior; return whether bodies jam, see `convex.out_of_reach`.
+    """Overwrite a guess x by the best point found from the interior; return whether bodies jam.
 
-    There are cones only. The arguments are those of `solve.solve`.
+    Bodies jam if the convex problem has no solution, see `convex.out_of_reach`. All groups must be cones. For the
+    arguments see `solve.solve`.
     """
     groups, jammed = len(first), False
     length, label = numbers(groups), indices(groups)
@@ -108,4 +110,4 @@ def retry(
 
 
 linked_retry = by_address(retry)
-"""What compiled functions call."""
+"""The form of `retry` that compiled functions call."""

@@ -1,19 +1,20 @@
-"""What is needed of the compressed rows as they come: lengths of the groups, islands, the jump, natural map."""
+"""Functions of the compressed rows in their original form: lengths of groups, islands, jump and natural map."""
 
 import numpy as np
 
 from impactlaw.solvers.cones.algebra.loops import FIRST, Array, clear, indices, kernel, plain
 from impactlaw.solvers.cones.algebra.projection import group_residual
 
-_NOTHING = 1e-10  # rows shorter than this part of the longest do not move anything
-_SHARE = 1e-3  # least scale of an island, as a part of the largest
+_NOTHING = 1e-10  # length of a row, relative to the longest, up to which it counts as zero
+_SHARE = 1e-3  # least scale of an island, relative to the largest
 
 
 @plain
 def lengths(rownnz: Array, rowadr: Array, value: Array, first: Array, size: Array, c: Array, length: Array) -> None:
     """Write the length of each group: of its longest row, else the root of its compliance, else 0 (it cannot move).
 
-    A contact whose normal gradient is rounding cannot move either: any normal force would do, and any friction with it.
+    A contact whose normal gradient counts as zero cannot move either: any normal force would be a solution, and with it
+    any friction.
     """
     longest = 0.0
     for g in range(len(first)):
@@ -37,7 +38,7 @@ def lengths(rownnz: Array, rowadr: Array, value: Array, first: Array, size: Arra
 
 @plain
 def root_of(parent: Array, i: int) -> int:
-    """Return what stands for all that is joined to one; ``parent`` leads there, and is shortened."""
+    """Return the representative of the set that contains i (union-find); the path in ``parent`` is shortened."""
     while parent[i] != i:
         parent[i] = parent[parent[i]]
         i = parent[i]
@@ -46,7 +47,7 @@ def root_of(parent: Array, i: int) -> int:
 
 @plain
 def trees_of(tree: Array) -> int:
-    """Return how many kinematic trees there are, those without degrees of freedom behind the last one left out."""
+    """Return the number of kinematic trees, up to the last one with degrees of freedom."""
     trees = 0
     for t in tree:
         trees = max(trees, t + 1)
@@ -98,7 +99,7 @@ def islands(
     count = 0
     for g in range(len(first)):
         if length[g] > 0.0:
-            if label[g] < 0:  # compliant rows alone
+            if label[g] < 0:  # the group has compliance, but no gradient
                 label[g] = count
                 count += 1
                 continue
@@ -124,7 +125,7 @@ def impulse_jump(rownnz: Array, rowadr: Array, colind: Array, value: Array, x: A
 def group_error(
     rownnz, rowadr, colind, value, first, size, kind, bound, c, b, x, z, exact, length, g, room
 ):  # fmt: skip
-    """Return the squared natural map of a group, and its ``|b| / length``; room as for `certificate`."""
+    """Return the squared natural map of a group, and its ``|b| / length``; for room see `certificate`."""
     xs, us = room[: len(room) // 2], room[len(room) // 2 :]
     s, inverse = 0.0, 1.0 / length[g]
     for m in range(size[g]):
@@ -160,10 +161,10 @@ def certificate(
     squares: Array,
     room: Array,
 ) -> float:
-    """Write scale and squared natural map of each island; return the largest ratio of the two.
+    """Write scale and squared natural map of each island; return the largest natural map relative to its scale.
 
-    The scale is the largest ``|b| / length`` of the groups of the island, but at least 1e-3 of the largest of all.
-    There is room for twice the rows of a group.
+    The scale is the largest ``|b| / length`` of the groups of the island, but at least 1e-3 of the largest one overall.
+    `room` has space for twice the rows of the longest group.
     """
     clear(scale)
     clear(squares)

@@ -1,6 +1,6 @@
-"""Contact problems with friction of one time step: one call for any number of rows.
+"""Solve a contact problem with friction, of any number of rows, in one call.
 
-Islands, which share no degree of freedom, are solved one by one. See `structure` for the problem, `hybrid` for the
+Islands, which share no degree of freedom, are solved one by one. See `structure` for the problem, and `hybrid` for the
 order of attempts.
 """
 
@@ -29,7 +29,7 @@ def _solve_one(
     members, rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, length, exact, number, seen,
     x, scale, tolerance, rounds, left,
 ):  # fmt: skip
-    """Overwrite the impulses of the groups of one island and return the steps taken."""
+    """Overwrite the impulses of the groups of one island by its solution; return the steps taken."""
     P, K = build(
         members, rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, length, exact, number,
         seen,
@@ -49,7 +49,7 @@ def _solve_one(
 
 @plain
 def _clean(first: Array, size: Array, label: Array, x: Array) -> None:
-    """Let impulses of groups that cannot move, and those that are no numbers, be 0."""
+    """Set impulses of groups that cannot move, and impulses that are not finite or huge, to 0."""
     for g in range(len(first)):
         if label[g] < 0:
             for i in range(first[g], first[g] + size[g]):
@@ -61,7 +61,14 @@ def _clean(first: Array, size: Array, label: Array, x: Array) -> None:
 
 @plain
 def in_islands(label: Array, begin: Array, at: Array, order: Array) -> None:
-    """Write the groups of the islands, one island after another, and where those of each begin, zeros before."""
+    """Sort the groups by island.
+
+    Args:
+        label: island of each group, -1 for none.
+        begin: zeros; overwritten by the place in `order` at which each island begins, (islands + 1,).
+        at: room for one number per island.
+        order: overwritten by the groups, one island after another.
+    """
     for g in range(len(label)):
         if label[g] >= 0:
             begin[label[g] + 1] += 1
@@ -81,10 +88,10 @@ def in_islands(label: Array, begin: Array, at: Array, order: Array) -> None:
 def improve(
     rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, exact, tolerance, rounds, left, x, z
 ):  # fmt: skip
-    """Overwrite a guess x by the solution, write z, and return what else `solve` returns; the arguments are its own.
+    """Overwrite a guess x by the solution, write z, and return the other results of `solve`; see there for arguments.
 
-    `left` (1,) is the part of the work allowed that is left, see `budget.spend`: what is done is taken from it, and
-    where nothing is left, only the first attempt is made, or all first ones of a convex problem.
+    `left` (1,) is the remaining part of the allowed work, see `budget.spend`; the work done is subtracted from it. If
+    no work is left, only Newton's first attempt is made; in a convex problem, all its first attempts are.
     """
     groups = len(first)
     length, label = numbers(groups), indices(groups)
@@ -119,7 +126,7 @@ def improve(
 
 
 linked_improve = by_address(improve)
-"""What compiled functions call."""
+"""The form of `improve` that compiled functions call."""
 
 
 @compiled(
@@ -145,26 +152,26 @@ def solve(
     rounds: int,
     work: float,
 ) -> tuple[Array, Array, float, int]:
-    """Return x, ``z = Y^T x``, its relative natural map, and all steps taken.
+    """Return x, ``z = Y^T x``, the relative natural map at x, and the total number of steps.
 
     Args:
-        rownnz: entries of each row of Y, int32, (n,).
+        rownnz: number of entries of each row of Y, int32, (n,).
         rowadr: first entry of each row, int32, (n,).
         colind: columns of the entries, int32.
         value: the entries; Y is whitened, so that the kinetic metric is Euclidean.
-        nv: degrees of freedom.
-        tree: kinematic tree of each, int32, (nv,).
+        nv: number of degrees of freedom.
+        tree: kinematic tree of each degree of freedom, int32, (nv,).
         first: first row of each group, int32, (g,).
-        size: its rows, int32, (g,).
+        size: number of rows of each group, int32, (g,).
         kind: `BILATERAL`, `BOX` or `CONE`, int32, (g,).
-        bound: of box rows, (g,).
+        bound: bound of box rows, (g,).
         compliance: added to the diagonal of ``Y Y^T``, (n,).
         b: offset of the velocity, (n,).
         x0: guess, (n,).
-        exact: exact Coulomb friction, or its convex relaxation.
-        tolerance: of the natural map, relative to the scale of each island.
-        rounds: most rounds of what follows where Newton's method fails.
-        work: the part of the work of a time step that is allowed; infinite if none is spared.
+        exact: whether friction is exact Coulomb friction or its convex relaxation.
+        tolerance: tolerance of the natural map, relative to the scale of each island.
+        rounds: largest number of rounds of slower methods if Newton's method fails.
+        work: allowed work, as a part of that of a time step; infinite for no limit.
     """
     x, z, left = x0.copy(), np.zeros(nv), np.full(1, work)
     worst, total = linked_improve(
@@ -191,7 +198,7 @@ def natural_map(
     exact: bool,
     x: Array,
 ) -> float:
-    """Return the largest relative natural map of all islands at x; the arguments are those of `solve`."""
+    """Return the largest relative natural map of all islands at x; for the other arguments see `solve`."""
     groups = len(first)
     z, length, label = np.zeros(nv), np.empty(groups), np.empty(groups, np.int64)
     count = islands(rownnz, rowadr, colind, value, tree, first, size, compliance, length, label)

@@ -1,1 +1,1 @@
-"""Rows, blocks and systems of the cone problem, compiled."""
+"""Compiled linear algebra of the cone problem: rows, blocks and systems."""

@@ -1,7 +1,7 @@
-"""The matrix ``H = I + A^T W A`` of an island: assembly, LU factors by blocks of trees, solution.
+"""The matrix ``H = I + A^T W A`` of an island: assembly, LU factors by blocks of trees, and solution.
 
-W has one m x m block per group. Rows are exchanged inside diagonal blocks only. An island of few degrees of freedom
-is one block, and this is then the dense LU.
+W has one m x m block per group. Rows are exchanged only within diagonal blocks. An island of few degrees of freedom is
+one block; the factorization is then a dense LU.
 """
 
 import numpy as np
@@ -25,7 +25,7 @@ from impactlaw.solvers.cones.algebra.structure import Island, jump, rows_times
 
 @plain
 def _find_runs(K: Blocks, begin: int, width: int, runs: Array) -> int:
-    """Write where stretches of columns of a group begin that are side by side in a block; return how many there are."""
+    """Write the starts of runs of a group's columns that are adjacent in a block; return the number of runs."""
     count = 0
     for j in range(begin, begin + width):
         if j == begin or K.slot[j] != K.slot[j - 1] or K.inner[j] != K.inner[j - 1] + np.uint64(1):
@@ -50,7 +50,7 @@ def _add_rows(v: Array, to: int, w: Array, at: int, stride: int, f: Array, first
 
 @plain
 def _add_to_blocks(P: Island, K: Blocks, W: Array, H: Array, left: Array, runs: Array, g: int) -> None:
-    """Add what a group adds to a matrix of many blocks."""
+    """Add the contribution of a group to a matrix of many blocks."""
     m, begin, a = P.start[g + 1] - P.start[g], P.begin[g], P.entry[g]
     width, count = P.begin[g + 1] - begin, _find_runs(K, begin, P.begin[g + 1] - begin, runs)
     fill(left, FIRST, m * width, 0.0)
@@ -67,7 +67,7 @@ def _add_to_blocks(P: Island, K: Blocks, W: Array, H: Array, left: Array, runs: 
 
 @plain
 def _add_to_one(P: Island, K: Blocks, W: Array, H: Array, left: Array, row: Array, g: int) -> None:
-    """Add what a group adds to a matrix of one block."""
+    """Add the contribution of a group to a matrix of one block."""
     m, begin, a = P.start[g + 1] - P.start[g], P.begin[g], P.entry[g]
     width, w = P.begin[g + 1] - begin, P.square[g]
     for k in range(m):
@@ -87,7 +87,7 @@ def _add_to_one(P: Island, K: Blocks, W: Array, H: Array, left: Array, row: Arra
 
 @kernel
 def assemble(P: Island, K: Blocks, W: Array, H: Array, left: Array, row: Array) -> None:
-    """Write ``H = I + A^T W A``; W in the order of `Island.square`; `left`, `row`: room for m x k and k numbers."""
+    """Write ``H = I + A^T W A``, W in the order of `Island.square`; `left` and `row`: room for m k and k numbers."""
     runs = indices(P.nv + 1)
     fill(H, FIRST, K.size, 0.0)
     for k in range(len(K.width)):
@@ -102,7 +102,7 @@ def assemble(P: Island, K: Blocks, W: Array, H: Array, left: Array, row: Array) 
 
 @plain
 def factor(K: Blocks, H: Array, pivot: Array, product: Array) -> None:
-    """Factor H in place; `product`: room for one row of a strip."""
+    """Factor H in place; `product` is room for one row of a strip."""
     for k in range(len(K.width)):
         w, span = K.width[k], K.span[k]
         lu_factor(H, K.diagonal[k], w, pivot, K.offset[k])
@@ -127,7 +127,7 @@ def factor(K: Blocks, H: Array, pivot: Array, product: Array) -> None:
 
 @plain
 def solve(K: Blocks, H: Array, pivot: Array, v: Array) -> None:
-    """Overwrite v by ``H^-1 v``, H factored."""
+    """Overwrite v by ``H^-1 v``; H is factored."""
     nb = len(K.width)
     for k in range(nb):
         w, o = K.width[k], K.offset[k]
@@ -151,7 +151,7 @@ def solve(K: Blocks, H: Array, pivot: Array, v: Array) -> None:
 
 @plain
 def back_substitute(P: Island, K: Blocks, E: Array, H: Array, pivot: Array, z: Array, w: Array, step: Array) -> None:
-    """Overwrite a `step` E q by ``E (q - A dz)``, ``H dz = A^T E q``, H factored; z and w are room."""
+    """Overwrite a `step` E q by ``E (q - A dz)`` with ``H dz = A^T E q``; H is factored, z and w are scratch arrays."""
     jump(P, step, z)
     solve(K, H, pivot, z)
     rows_times(P, z, w)
@@ -165,7 +165,7 @@ def back_substitute(P: Island, K: Blocks, E: Array, H: Array, pivot: Array, z: A
 
 @plain
 def room(P: Island) -> int:
-    """Return the most entries that a group has."""
+    """Return the largest number of entries of a group, or nv if that is larger."""
     most = P.nv
     for g in range(len(P.kind)):
         most = max(most, P.entry[g + 1] - P.entry[g])
@@ -174,7 +174,7 @@ def room(P: Island) -> int:
 
 @plain
 def flops(P: Island, K: Blocks) -> float:
-    """Return about how many operations one assembly, factorization and line search take."""
+    """Return an estimate of the operations of one assembly, factorization and line search."""
     s = K.flops + 4.0 * K.size
     for g in range(len(P.kind)):
         k = P.begin[g + 1] - P.begin[g]

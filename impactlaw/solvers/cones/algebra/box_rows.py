@@ -1,8 +1,8 @@
-"""Boxes ``|x| <= beta`` of an interior point method: two pairs of a slack and a velocity that closes it.
+"""Boxes ``|x| <= beta`` in an interior point method: each has two pairs of a slack and a complementary velocity.
 
-``u = l - q``, with ``0 <= l  ⊥  x + beta >= 0`` and ``0 <= q  ⊥  beta - x >= 0``: dry friction at its bound opposes the
-velocity. A step for which the products of the pairs change by r and s solves, with ``d = l / (x + beta) + q / (beta -
-x)``, the row ``(G + c + d) dx = r / (x + beta) - s / (beta - x) - (u - l + q)``.
+``u = l - q`` with ``0 <= l  ⊥  x + beta >= 0`` and ``0 <= q  ⊥  beta - x >= 0``: dry friction at its bound opposes the
+velocity. Let ``d = l / (x + beta) + q / (beta - x)``. A step that changes the products of the pairs by r and s solves
+the row ``(G + c + d) dx = r / (x + beta) - s / (beta - x) - (u - l + q)``.
 """
 
 import numpy as np
@@ -10,14 +10,14 @@ import numpy as np
 from impactlaw.solvers.cones.algebra.loops import Array, plain
 from impactlaw.solvers.cones.algebra.structure import BOX, Island
 
-_FIRST_SLACK = 0.5  # part of the bound that is left at the start
+_FIRST_SLACK = 0.5  # largest slack at the start, as a part of the bound
 
 
 @plain
 def begin_boxes(
     P: Island, guess: Array, v: Array, inside: float, near: bool, x: Array, low: Array, high: Array
 ) -> None:
-    """Write impulses inside of their bounds, near a guess or 0, and velocities l and q that are positive."""
+    """Write impulses inside their bounds, near a guess or 0, and positive velocities l and q."""
     for g in range(len(P.kind)):
         if P.kind[g] == BOX:
             o, room = P.start[g], P.bound[g] - min(inside, _FIRST_SLACK * P.bound[g])
@@ -30,13 +30,13 @@ def begin_boxes(
 
 @plain
 def box_weight(bound: float, c: float, x: float, low: float, high: float) -> float:
-    """Return ``1 / (c + d)``; 0 where there is no friction."""
+    """Return ``1 / (c + d)``; 0 if the bound is 0."""
     return 1.0 / (c + low / (x + bound) + high / (bound - x)) if bound > 0.0 else 0.0
 
 
 @plain
 def aim_boxes(P: Island, x, low, high, center: float, dx, dlow, dhigh, r, s) -> None:
-    """Write by how much the products of the pairs are to change; dx and the others are the step before, or 0."""
+    """Write the wanted changes r and s of the products of the pairs; dx, dlow, dhigh are the predictor step, or 0."""
     for g in range(len(P.kind)):
         if P.kind[g] == BOX:
             o = P.start[g]
@@ -52,7 +52,7 @@ def box_push(bound: float, x: float, r: float, s: float) -> float:
 
 @plain
 def follow_boxes(P: Island, x, low, high, r, s, dx, dlow, dhigh) -> None:
-    """Write how l and q change with the step dx."""
+    """Write the changes of l and q in the step dx."""
     for g in range(len(P.kind)):
         if P.kind[g] == BOX and P.bound[g] > 0.0:
             o = P.start[g]
@@ -67,7 +67,7 @@ def _until(value: float, change: float) -> float:
 
 @plain
 def box_reach(bound: float, x: float, low: float, high: float, dx: float, dlow: float, dhigh: float) -> float:
-    """Return how far along a step slacks and velocities stay positive."""
+    """Return the fraction of a step in which slacks and velocities stay positive."""
     return min(min(_until(x + bound, dx), _until(bound - x, -dx)), min(_until(low, dlow), _until(high, dhigh)))
 
 

@@ -1,6 +1,6 @@
-"""Dense LU factors with row exchanges, in flat storage; pivots that vanish are lifted.
+"""Dense LU factors with row exchanges, in flat storage; vanishing pivots are replaced by a small number.
 
-Loops run along rows, so that they become vector instructions without any reordering of sums.
+Loops run along rows, so that they become vector instructions without reordering sums.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ _LIFT = 1e-14  # smallest pivot, relative to the largest entry
 
 @plain
 def lu_factor(H: Array, base: int, n: int, pivot: Array, at: int) -> None:
-    """Factor the n x n matrix that begins at H[base]; the exchanged rows go to pivot[at:at + n]."""
+    """Factor the n x n matrix that begins at H[base]; write the row exchanges to pivot[at:at + n]."""
     big = 0.0
     for i in range(base, base + n * n):
         big = max(big, abs(H[i]))
@@ -84,7 +84,7 @@ def lu_solve_rows(H: Array, base: int, n: int, pivot: Array, at: int, V: Array, 
 
 @kernel
 def triangular_rows(Y: Array) -> None:
-    """Turn the columns of Y (n, nv), n <= nv, by Householder reflections so that Y becomes lower triangular."""
+    """Make Y, (n, nv) with n <= nv, lower triangular by Householder reflections of its columns."""
     n, nv = Y.shape
     v = numbers(nv)
     for i in range(n):

@@ -1,7 +1,7 @@
-"""The innermost loops, over pieces of flat arrays, as vector instructions.
+"""The innermost loops, over pieces of flat arrays, which compile to vector instructions.
 
-Indices are unsigned, because Python's negative ones keep a compiler from vectorizing. Sums may be reassociated, and
-products contracted, which changes them by rounding only; nothing is assumed about infinities and NaN.
+Indices are unsigned, since support for Python's negative indices would prevent vectorization. Sums may be reassociated
+and products contracted, which changes only their rounding. Infinities and NaN are handled as usual.
 """
 
 from typing import Any
@@ -27,8 +27,7 @@ _INNER: Any = {"error_model": "numpy", "nogil": True, "no_cpython_wrapper": True
 def _inner(**options: Any) -> Any:
     """Return a decorator for functions that only compiled functions call.
 
-    Numba would compile such a function once more for each literal that it is called with; here a literal is a number
-    like others.
+    Numba would compile such a function again for each literal argument; here literals are treated like other numbers.
     """
 
     def decorate(function: Any) -> Any:
@@ -47,22 +46,22 @@ def _inner(**options: Any) -> Any:
 
 
 kernel: Any = _inner(_nrt=True)
-"""Compile a function that only compiled functions call; on disk it is kept with those, see `impactlaw.compiled`."""
+"""Compile a function that only compiled functions call; it is cached on disk with them, see `impactlaw.compiled`."""
 plain: Any = _inner(_nrt=False)
-"""The same for a function that makes no arrays: it does not count who holds those that it is given."""
+"""The same for a function that creates no arrays; it does not count references to its arguments."""
 once: Any = njit(**_INNER, inline="always")
-"""The same for a function that is called from one place: it becomes a part of its caller, which halves compile time."""
+"""The same for a function that is called from one place: it is inlined there, which halves compile time."""
 sums: Any = _inner(_nrt=False, fastmath={"reassoc", "contract"})
 """The same for sums that may be reassociated."""
 FIRST: Any = np.int64(0)
 """The first index."""
 
 
-_SMALL = 2048  # numbers, 16 kB
+_SMALL = 2048  # numbers, 16 kB: size up to which arrays are on the stack
 
 
 def _made(context: Any, builder: Any, kind: Any, many: Any) -> tuple[Any, Any, Any]:
-    """Build an array of so many numbers; return it, the address of its numbers and their size in bytes."""
+    """Build an array of a number of entries; return it, the address of its data and their size in bytes."""
     item = context.get_constant(types.intp, context.get_abi_sizeof(context.get_data_type(kind)))
     size = builder.mul(many, item)
     place = cgutils.alloca_once(builder, cgutils.voidptr_t)
@@ -83,13 +82,13 @@ def _made(context: Any, builder: Any, kind: Any, many: Any) -> tuple[Any, Any, A
 
 
 def _room(kind: Any, byte: int | None = None) -> Any:
-    """Return a compiled function that makes an array, (n,), that lives as long as the function that asks for it.
+    """Return a compiled function that makes an array, (n,), with the lifetime of the function that calls it.
 
-    Small ones are on the stack, which takes no time, and nobody counts who holds them: they must not be returned.
+    Small arrays are on the stack, which takes no time, and have no reference count: they must not be returned.
 
     Args:
-        kind: of its numbers.
-        byte: what each byte is; None for what happens to be there.
+        kind: type of its numbers.
+        byte: initial value of each byte; None for uninitialized memory.
     """
     array = types.Array(kind, 1, "C")
 
@@ -119,7 +118,7 @@ _intrinsic: Any = intrinsic
 
 @_intrinsic
 def copied(typingctx: Any, source: Any) -> Any:
-    """Return a copy of some numbers, contiguous ones; see `_room`."""
+    """Return a copy of a contiguous array of floats; for its lifetime see `_room`."""
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         given = context.make_array(FLOATS)(context, builder, values[0])
@@ -140,7 +139,7 @@ def subtract(v: Array, to: int, w: Array, source: int, f: float, many: int) -> N
 
 @sums
 def add_three(v: Array, to: int, w: Array, source: int, stride: int, a: float, b: float, c: float, many: int) -> None:
-    """Add a, b and c times three stretches of w, a stride apart, to ``v[to:to + many]``."""
+    """Add a, b and c times three pieces of w, a stride apart, to ``v[to:to + many]``."""
     t, one = np.uint64(to), np.uint64(source)
     two, three = np.uint64(source + stride), np.uint64(source + 2 * stride)
     for k in range(np.uint64(many)):
@@ -149,7 +148,7 @@ def add_three(v: Array, to: int, w: Array, source: int, stride: int, a: float, b
 
 @sums
 def dot(v: Array, at: int, w: Array, source: int, many: int) -> float:
-    """Return the product of ``v[at:at + many]`` and ``w[source:source + many]``."""
+    """Return the dot product of ``v[at:at + many]`` and ``w[source:source + many]``."""
     t, s, r = np.uint64(at), np.uint64(source), 0.0
     for k in range(np.uint64(many)):
         r += v[t + k] * w[s + k]
@@ -158,7 +157,7 @@ def dot(v: Array, at: int, w: Array, source: int, many: int) -> float:
 
 @sums
 def gather_dot(v: Array, at: int, z: Array, cols: Array, begin: int, many: int) -> float:
-    """Return the product of ``v[at:at + many]`` and the entries ``cols[begin:begin + many]`` of z."""
+    """Return the dot product of ``v[at:at + many]`` and the entries ``cols[begin:begin + many]`` of z."""
     t, s, r = np.uint64(at), np.uint64(begin), 0.0
     for k in range(np.uint64(many)):
         r += v[t + k] * z[cols[s + k]]
@@ -184,7 +183,7 @@ def norm(v: Array) -> float:
 
 @plain
 def any_of(marks: Array) -> bool:
-    """Return whether some are True."""
+    """Return whether any mark is True."""
     for mark in marks:
         if mark:
             return True
@@ -193,7 +192,7 @@ def any_of(marks: Array) -> bool:
 
 @plain
 def equal(v: Array, w: Array) -> bool:
-    """Return whether the numbers of two arrays of one length are the same."""
+    """Return whether two arrays of equal length hold the same numbers."""
     for i in range(len(v)):
         if v[i] != w[i]:
             return False
@@ -202,14 +201,14 @@ def equal(v: Array, w: Array) -> bool:
 
 @plain
 def put(to: Array, source: Array) -> None:
-    """Write the numbers of one array to another."""
+    """Copy the numbers of an array into another one."""
     for i in range(len(source)):
         to[i] = source[i]
 
 
 @plain
 def clear(v: Array) -> None:
-    """Let the numbers of an array be 0."""
+    """Set the numbers of an array to 0."""
     for i in range(len(v)):
         v[i] = 0.0
 

@@ -1,7 +1,7 @@
-"""Order of elimination of the kinematic trees of an island, and where the blocks of the factors are stored.
+"""The order of elimination of the kinematic trees of an island, and the storage of the blocks of the factors.
 
-The matrix ``H = I + A^T W A`` couples two trees only where a group of rows touches both. Trees are eliminated in the
-order of least degree; the blocks that fill in are found once and used by all factorizations of the solve.
+The matrix ``H = I + A^T W A`` couples two trees only if a group of rows involves both. Trees are eliminated in the
+order of least degree. Fill-in blocks are determined once, for all factorizations of a solve.
 """
 
 from typing import Any, NamedTuple
@@ -23,28 +23,28 @@ from impactlaw.solvers.cones.algebra.loops import (
 
 
 class Blocks(NamedTuple):
-    """Where the blocks of H and of its factors are, in order of elimination.
+    """The storage of the blocks of H and of its factors, in order of elimination.
 
     Attributes:
-        width: degrees of freedom of each block, (nb,).
+        width: number of degrees of freedom of each block, (nb,).
         offset: first degree of freedom of each block, (nb,).
         diagonal: storage of each diagonal block, (nb,).
-        upper: storage of the strip right of each diagonal block, width x span, (nb,).
-        lower: storage of the strip below it, span x width, (nb,).
+        upper: storage of the strip to the right of each diagonal block, width x span, (nb,).
+        lower: storage of the strip below each diagonal block, span x width, (nb,).
         span: width of the strips, (nb,).
         begin: first entry of each block in `later`, (nb + 1,).
         later: the blocks of the strips.
         pair: first pair of each block in `target` and `stride`, (nb + 1,).
-        target: storage of the block that a pair of strip blocks updates.
-        stride: row stride there.
+        target: storage of the block that each pair of strip blocks updates.
+        stride: row stride of that block.
         first: first pair of each group in `place` and `pitch`, (g + 1,).
-        many: number of blocks that each group touches, (g,).
-        slot: which of the blocks of its group a column is in, as `Island.cols`.
-        inner: number of the column inside its block, unsigned, as `Island.cols`.
+        many: number of blocks that each group involves, (g,).
+        slot: index of each column's block among the blocks of its group, in the order of `Island.cols`.
+        inner: index of each column inside its block, unsigned, in the order of `Island.cols`.
         place: storage of the block of each pair of blocks of a group.
-        pitch: row stride there.
+        pitch: row stride of that block.
         size: length of the storage.
-        flops: of one factorization, about.
+        flops: estimated operations of one factorization.
     """
 
     width: Array
@@ -119,7 +119,7 @@ def _block(i: int, j: int, spot: Array, diagonal: Array, upper: Array, lower: Ar
 
 @plain
 def _fill_one(n: int, begin: Array, cols: Array, first: Array, many: Array, pitch: Array, inner: Array) -> None:
-    """Write what of `Blocks` is of groups and columns, where there is one block."""
+    """Write the fields of `Blocks` about groups and columns, for a matrix of one block."""
     for g in range(len(many)):
         many[g] = 1 if begin[g + 1] > begin[g] else 0
         first[g + 1] = first[g] + many[g]
@@ -130,7 +130,7 @@ def _fill_one(n: int, begin: Array, cols: Array, first: Array, many: Array, pitc
 
 @once
 def one_block(n: int, begin: Array, cols: Array) -> Blocks:
-    """Return the storage of a matrix that is one block, (n, n); it lives as long as the function that asks for it."""
+    """Return the storage of a matrix of one block, (n, n); it has the lifetime of the calling function."""
     groups, count = len(begin) - 1, len(cols)
     first, many, place, pitch = counts(groups + 1), indices(groups), counts(groups), indices(groups)
     few, slot, inner = counts(4), counts(count), unsigned(count)
@@ -148,13 +148,13 @@ def lay_out(joined: Array, order: Array, wide: Array, begin: Array, cols: Array,
     """Return the storage of the blocks.
 
     Args:
-        joined: graph of the trees with its fill, (nb, nb).
-        order: tree that is eliminated k-th, (nb,).
-        wide: degrees of freedom of each tree, (nb,).
+        joined: graph of the trees with its fill-in, (nb, nb).
+        order: the tree eliminated in each step, (nb,).
+        wide: number of degrees of freedom of each tree, (nb,).
         begin: first column of each group, (g + 1,).
-        cols: columns of the groups; on return in order of elimination.
-        home: tree of each column number, (nv,).
-        inside: number of each column inside its tree, (nv,).
+        cols: columns of the groups; renumbered in order of elimination.
+        home: tree of each column, (nv,).
+        inside: index of each column inside its tree, (nv,).
     """
     nb, groups = len(order), len(begin) - 1
     width, offset, span = np.empty(nb, np.int64), np.empty(nb, np.int64), np.zeros(nb, np.int64)
@@ -196,7 +196,7 @@ def lay_out(joined: Array, order: Array, wide: Array, begin: Array, cols: Array,
     slot, inner = np.empty(len(cols), np.int64), np.empty(len(cols), np.int64)
     touched = np.empty(len(cols), np.int64)
     total = 0
-    for g in range(groups):  # the blocks of each group; `touched` holds them from begin[g]
+    for g in range(groups):  # the blocks of each group, stored in `touched` from begin[g] on
         for j in range(begin[g], begin[g + 1]):
             k, inner[j] = position[home[cols[j]]], inside[cols[j]]
             new = True

@@ -1,7 +1,7 @@
-"""Projection on the sets of the groups, and the natural map whose zeros are the solutions.
+"""Projection onto the sets of the groups, and the natural map, whose zeros are the solutions.
 
-Exact Coulomb friction after de Saxcé & Feng (1998): ``K ∋ x  ⊥  u + |u_t| e_n ∈ K``, that is
-``x = P_K(x - u - |u_t| e_n)``; the convex relaxation leaves ``|u_t| e_n`` away.
+Exact Coulomb friction after de Saxcé & Feng (1998) is ``K ∋ x  ⊥  u + |u_t| e_n ∈ K``, that is
+``x = P_K(x - u - |u_t| e_n)``; the convex relaxation omits ``|u_t| e_n``.
 """
 
 import numpy as np
@@ -21,7 +21,7 @@ def norm_of(v: Array, start: int, stop: int) -> float:
 
 @plain
 def project(P: Island, y: Array, p: Array) -> None:
-    """Write the point of the sets that is nearest to y."""
+    """Write the projection of y onto the sets of all groups."""
     for g in range(len(P.kind)):
         o, e, kind = P.start[g], P.start[g + 1], P.kind[g]
         if kind == CONE:
@@ -44,7 +44,7 @@ def project(P: Island, y: Array, p: Array) -> None:
 
 @plain
 def group_residual(kind: int, bound: float, x: Array, u: Array, o: int, e: int, exact: bool) -> float:
-    """Return the square of the natural map of the group with the rows o to e."""
+    """Return the squared length of the natural map of the group with rows o to e - 1."""
     s = 0.0
     if kind == BILATERAL:
         return u[o] * u[o]
@@ -62,7 +62,7 @@ def group_residual(kind: int, bound: float, x: Array, u: Array, o: int, e: int, 
     elif r <= -a:
         for k in range(o, e):
             s += x[k] * x[k]
-    else:  # from u: from x, whose rounding is that of the largest impulses, a wrong u could be taken for none
+    else:  # computed from u; computed from x, it would hide errors of u below the rounding errors of large impulses
         f = 0.5 * (r - a) / r
         s = (u[o] + slip - f * r) ** 2
         for k in range(o + 1, e):
@@ -72,7 +72,7 @@ def group_residual(kind: int, bound: float, x: Array, u: Array, o: int, e: int, 
 
 @plain
 def residual(P: Island, x: Array, u: Array, exact: bool) -> float:
-    """Return the length of the natural map; infinite where a number is none."""
+    """Return the length of the natural map; infinite if it is NaN."""
     s = 0.0
     for g in range(len(P.kind)):
         s += group_residual(P.kind[g], P.bound[g], x, u, P.start[g], P.start[g + 1], exact)
@@ -81,14 +81,14 @@ def residual(P: Island, x: Array, u: Array, exact: bool) -> float:
 
 @plain
 def slips(P: Island, u: Array, s: Array) -> None:
-    """Write de Saxcé's correction ``|u_t|`` of each group; 0 for those that are no cones."""
+    """Write de Saxcé's correction ``|u_t|`` of each group; 0 for groups that are not cones."""
     for g in range(len(P.kind)):
         s[g] = norm_of(u, P.start[g] + 1, P.start[g + 1]) if P.kind[g] == CONE else 0.0
 
 
 @plain
 def projection_derivative(kind: int, bound: float, y: Array, o: int, m: int, D: Array) -> None:
-    """Write a generalized derivative of the projection at the group of m rows from o; symmetric, between 0 and 1."""
+    """Write a generalized derivative of the projection of the group of m rows from o; eigenvalues are in [0, 1]."""
     for k in range(m):
         for j in range(m):
             D[k, j] = 0.0

@@ -1,8 +1,8 @@
-"""The scaled problem of one island, and the products with its rows.
+"""The scaled problem of one island, and products with its rows.
 
-With ``z = A^T x`` and the compliance ``c >= 0`` of each row the contact velocity is ``u = A z + c x + b``.
-Groups of rows (contacts, or single bilateral and box rows) are divided by their length, so that x and u are in sqrt(J).
-The columns of a group are stored once, for all its rows.
+With ``z = A^T x`` and the compliance ``c >= 0`` of each row, the contact velocity is ``u = A z + c x + b``. Groups of
+rows (contacts, or single bilateral and box rows) are divided by their length, so that x and u are in sqrt(J). The
+columns of a group are stored once for all its rows.
 """
 
 from typing import Any, NamedTuple
@@ -37,11 +37,11 @@ class Island(NamedTuple):
         b: offset of the velocity, (n,).
         begin: first column of each group in `cols`, (g + 1,).
         cols: degrees of freedom of the columns of each group, in the order of elimination; unsigned.
-        entry: where the block of each group begins in `A`, (g + 1,).
+        entry: start of the block of each group in `A`, (g + 1,).
         A: blocks of the groups, row by row.
-        square: where a matrix of size m x m of each group begins, if they are stored one after the other, (g + 1,).
+        square: start of the m x m matrix of each group in an array that holds these one after another, (g + 1,).
         nv: number of degrees of freedom.
-        exact: exact Coulomb friction after de Saxcé, or its convex relaxation.
+        exact: whether friction is exact Coulomb friction after de Saxcé, or its convex relaxation.
     """
 
     start: Array
