@@ -1,4 +1,4 @@
-"""What a law costs or saves on tasks: policies made for one law act under others."""
+"""Measure what a law costs or gains on tasks: policies made for one law act under others."""
 
 from impactlaw.studies.run import run
 from impactlaw.studies.study import Study, quick_study

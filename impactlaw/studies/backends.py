@@ -1,4 +1,4 @@
-"""Where jobs run: processes of this machine, a Dask or a Ray cluster, or any other backend of joblib."""
+"""Run jobs in processes of this machine, on a Dask or a Ray cluster, or in any other backend of joblib."""
 
 # pyright: reportMissingImports=false
 from __future__ import annotations
@@ -18,17 +18,17 @@ PROCESSES, DASK, RAY = "loky", "dask", "ray"
 
 @contextmanager
 def workers(backend: str, address: str | None, jobs: int) -> Iterator[Callable[[Jobs], Iterator[Any]]]:
-    """Give a function that calls jobs and gives their results as they are done, in any order.
+    """Yield a function that runs jobs and yields their results as they are done, in any order.
 
     Args:
         backend: "loky" for processes of this machine, "dask", "ray", or a name that joblib knows.
-        address: of the scheduler of a cluster; one on this machine is started if not given.
-        jobs: how many at a time; -1 for one per processor.
+        address: address of the scheduler of a cluster; by default a cluster is started on this machine.
+        jobs: number of jobs that run at a time; -1 for one per processor.
 
     Raises:
         UnknownNameError: there is no such backend.
-        MissingExtraError: it needs a package that is not installed.
-        StudyError: there is no such number of jobs, nobody answers at the address, or the backend takes none.
+        MissingExtraError: the backend needs a package that is not installed.
+        StudyError: jobs is invalid, no cluster answers at the address, or the backend accepts no address.
     """
     check_workers(backend, address, jobs)
     with ExitStack() as stack:
@@ -38,13 +38,13 @@ def workers(backend: str, address: str | None, jobs: int) -> Iterator[Callable[[
 
 
 def check_workers(backend: str, address: str | None, jobs: int) -> None:
-    """Refuse what `workers` can tell to be wrong before anything starts; see there."""
+    """Check the arguments of `workers` as far as possible before any process starts; raises the same errors."""
     import joblib
     from joblib.parallel import BACKENDS
 
     if not isinstance(jobs, int) or (jobs < 1 and jobs != -1):
         raise StudyError(f"jobs must be 1 or more, or -1 for one per processor, got {jobs!r}")
-    if backend not in {*BACKENDS, DASK, RAY}:  # joblib registers Dask's when it is asked for
+    if backend not in {*BACKENDS, DASK, RAY}:  # joblib registers the backend of Dask only on demand
         raise UnknownNameError("backend", backend, {*BACKENDS, DASK, RAY})
     if address is not None and backend not in (DASK, RAY):
         raise StudyError(f"an address means nothing to {backend!r}; it is that of a cluster of {DASK!r} or {RAY!r}")
@@ -64,17 +64,17 @@ def _joblib(backend: str, jobs: int) -> Iterator[Callable[[Jobs], Iterator[Any]]
         parallel = _parallel(backend, jobs)
 
         def results_of(calls: Jobs) -> Iterator[Any]:
-            with _without_ctrl_c():  # it is with processes that start here until they can end silently
+            with _without_ctrl_c():  # processes that start here inherit the block, until they can end silently
                 return parallel(joblib.delayed(call)() for call in calls)
 
         yield results_of
 
 
 def _parallel(backend: str, jobs: int) -> Any:
-    """Return what calls jobs in workers of joblib, which start with the first call."""
+    """Return joblib's parallel runner of jobs; its workers start with the first call."""
     import joblib
 
-    # Ctrl-C reaches the workers, too: they end without a word
+    # Ctrl-C also reaches the workers: let them end without printing a traceback
     quiet: dict[str, Any] = {"initializer": _end_silently} if backend == PROCESSES else {}
     try:
         return joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", **quiet)
@@ -84,13 +84,13 @@ def _parallel(backend: str, jobs: int) -> Any:
 
 @contextmanager
 def _without_ctrl_c() -> Iterator[None]:
-    """Let Ctrl-C wait until this is over, here and in processes that start meanwhile."""
+    """Block Ctrl-C during the context, here and in processes that start meanwhile."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
     from multiprocessing import resource_tracker
 
-    resource_tracker.ensure_running()  # which lets Ctrl-C through when it starts
+    resource_tracker.ensure_running()  # started before blocking, since its start would unblock Ctrl-C
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -99,7 +99,10 @@ def _without_ctrl_c() -> Iterator[None]:
 
 
 def _end_silently() -> None:
-    """Let Ctrl-C end this process without a word, also one that has come while it started; not in the background."""
+    """Let Ctrl-C end this process without a traceback, also if it was pressed during the start.
+
+    A process in the background, which ignores Ctrl-C, continues to ignore it.
+    """
     if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     if hasattr(signal, "pthread_sigmask"):
@@ -123,7 +126,7 @@ def _dask(address: str | None, jobs: int) -> Iterator[None]:
 
 @contextmanager
 def _ray(address: str | None, jobs: int) -> Iterator[Callable[[Jobs], Iterator[Any]]]:
-    """Use Ray's own pool: its backend for joblib gives results only when all are done."""
+    """Use Ray's own pool, since Ray's backend for joblib returns results only when all are done."""
     import ray
     from ray.util.multiprocessing import Pool
 

@@ -1,4 +1,4 @@
-"""The cells of a study, each with a key that its settings alone decide, and what a worker does with one."""
+"""The cells of a study, each with a key derived from its settings, and the jobs of workers."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from impactlaw.studies.policies.named import Policy, opened, policies_of
 from impactlaw.studies.policies.training import ENVIRONMENTS, PPO_SETTINGS, train
 from impactlaw.studies.study import Study
 
-_ALONE = threading.Lock()  # torch draws from one generator per process, and threads share limits of threads
+_ALONE = threading.Lock()  # one job at a time: torch's generator and thread limits belong to the whole process
 _VERSIONS = {name: importlib.metadata.version(name) for name in ("impactlaw", "mujoco")}
 
 
@@ -32,7 +32,7 @@ class _Keyed(ABC):
     @property
     @abstractmethod
     def settings(self) -> dict[str, Any]:
-        """All that the result depends on, as plain values."""
+        """Everything that the result depends on, as plain values."""
 
     @property
     def key(self) -> str:
@@ -42,20 +42,20 @@ class _Keyed(ABC):
 
 @dataclass(frozen=True)
 class Training(_Keyed):
-    """A policy that is to be trained."""
+    """The training of a policy."""
 
-    conditions: Conditions  # what under
-    steps: int  # how long
-    seed: int  # of the study
+    conditions: Conditions  # task, law and scheme of the training
+    steps: int  # number of steps
+    seed: int  # seed of the study
 
     @property
     def settings(self) -> dict[str, Any]:
-        """All that the result depends on, as plain values."""
+        """Everything that the result depends on, as plain values."""
         how = {"environments": ENVIRONMENTS, **PPO_SETTINGS}
         return {"training": self.conditions.settings(), "steps": self.steps, "seed": self.seed, **how, **_VERSIONS}
 
     def work(self) -> bytes:
-        """Train."""
+        """Train, and return the policy as the content of a file."""
         return train(self.conditions, self.steps, training_seed(self.seed))
 
     def __str__(self) -> str:
@@ -67,21 +67,21 @@ class Training(_Keyed):
 class Cell(_Keyed):
     """Episodes of a policy under a law."""
 
-    conditions: Conditions  # what is acted in
-    policy: Policy  # what acts
-    seed: int  # of the study
-    episodes: int  # how many
-    training: Training | None = None  # of the policy; None if it is there already
+    conditions: Conditions  # task, law and scheme of the episodes
+    policy: Policy  # the policy
+    seed: int  # seed of the study
+    episodes: int  # number of episodes
+    training: Training | None = None  # training of the policy; None if the policy needs none
 
     @property
     def settings(self) -> dict[str, Any]:
-        """All that the result depends on, as plain values."""
+        """Everything that the result depends on, as plain values."""
         policy = self.policy.settings if self.training is None else self.training.settings
         acting = {"acting": self.conditions.settings(), "policy": policy}
         return acting | {"seed": self.seed, "episodes": self.episodes, **_VERSIONS}
 
     def names(self) -> dict[str, Any]:
-        """Return the columns of the table that say which cell it is."""
+        """Return the columns of the table that identify the cell."""
         return {
             "task": self.conditions.task,
             "scheme": self.conditions.scheme,
@@ -93,7 +93,7 @@ class Cell(_Keyed):
         }
 
     def work(self, trained: bytes | None = None) -> dict[str, float]:
-        """Play the episodes of the policy, or of the trained one."""
+        """Play the episodes; `trained` is the file of the trained policy, if the policy had to be trained."""
         content = self.policy.content if trained is None else trained
         assert content is not None
         return play(self.conditions, opened(content), episode_seeds(self.seed, self.episodes))
@@ -104,7 +104,7 @@ class Cell(_Keyed):
 
 
 def cells_of(study: Study) -> Iterator[Cell]:
-    """Give the cells of a study in the order of its table."""
+    """Yield the cells of a study in the order of its table."""
     for task in study.tasks:
         for scheme, name in product(study.schemes or (usual_scheme(task),), study.policies):
             policies = policies_of(name, task, scheme, study.train_laws)
@@ -115,9 +115,9 @@ def cells_of(study: Study) -> Iterator[Cell]:
 
 
 def attempt(key: str, name: str, work: Callable[[], Any]) -> tuple[str, Any, str | None]:
-    """Return the key, the result, and how it failed, in words; with one thread, so that machines agree.
+    """Do the work with one thread, so that machines agree; return the key, the result, and the failure as text.
 
-    What fails in a worker is returned and not raised: errors do not always survive the way to another process.
+    A failure in a worker is returned, not raised, since not all exceptions can be sent to another process.
     """
     with _ALONE, threadpool_limits(1):
         try:
@@ -131,6 +131,6 @@ def attempt(key: str, name: str, work: Callable[[], Any]) -> tuple[str, Any, str
 
 
 def job(of: Training | Cell, trained: bytes | None = None) -> Callable[[], tuple[str, Any, str | None]]:
-    """Return what a worker is to call."""
+    """Return the function that a worker has to call."""
     work = partial(of.work, trained) if isinstance(of, Cell) else of.work
     return partial(attempt, of.key, str(of), work)

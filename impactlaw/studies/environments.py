@@ -1,4 +1,4 @@
-"""Tasks under laws, as environments of gymnasium."""
+"""Make tasks under laws as gymnasium environments."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from impactlaw.studies.study import Scheme
 
 @dataclass(frozen=True)
 class Conditions:
-    """A task, the law that it is under, and the way to step it."""
+    """A task, its law, and its way to step."""
 
     task: str
     law: StatedLaw
     scheme: Scheme
 
     def settings(self) -> dict[str, Any]:
-        """Return what tells these conditions from others, as plain values; MuJoCo's own contacts have one way."""
+        """Return plain values that identify these conditions; with MuJoCo's own contacts the scheme has no effect."""
         scheme = None if self.law.is_mujoco else self.scheme
         return {"task": self.task, "law": self.law.settings(), "scheme": scheme}
 
@@ -47,7 +47,7 @@ class Conditions:
 
 
 def is_own(task: str) -> bool:
-    """Return whether a task is an `ImpactEnv`, which has a law without a wrapper."""
+    """Return whether a task is an `ImpactEnv`, which takes a law without a wrapper."""
     entry = spec_of(task).entry_point
     if entry is None:
         raise StudyError(f"task {task!r} is of many worlds at a time; name the task of one world")
@@ -56,7 +56,7 @@ def is_own(task: str) -> bool:
 
 
 def spec_of(task: str) -> EnvSpec:
-    """Return what gymnasium knows of a task."""
+    """Return gymnasium's specification of a task; for "module:id", import the module first."""
     module, colon, name = task.rpartition(":")
     try:
         if colon:
@@ -67,5 +67,5 @@ def spec_of(task: str) -> EnvSpec:
 
 
 def usual_scheme(task: str) -> Scheme:
-    """Return how a task is stepped where nothing else is asked for."""
+    """Return the default scheme of a task."""
     return "event-driven" if is_own(task) else "soft"

@@ -1,4 +1,4 @@
-"""Laws as a study states them: texts such as "moreau:0.5", or "moreau|reversal:0.4..1" for a law per episode."""
+"""Read laws of a study from text such as "moreau:0.5", or "moreau|reversal:0.4..1" for a law drawn per episode."""
 
 from __future__ import annotations
 
@@ -19,52 +19,52 @@ _SCENE = "scene"  # the restitution that the MJCF carries, pair by pair
 
 @dataclass(frozen=True)
 class StatedLaw:
-    """What a task is under: one law, or one that is drawn for each episode, or MuJoCo's own contacts."""
+    """A law as given in a study: one law, one that is drawn for each episode, or MuJoCo's own contacts."""
 
-    text: str  # as it was stated
-    # names of laws, or laws as plain values (`impactlaw.laws.portable`); an episode has one of them
+    text: str  # the text as given
+    # names of laws, or laws as plain values (`impactlaw.laws.portable`), of which each episode has one
     laws: tuple[str | Mapping[str, Any], ...]
-    # lowest and highest coefficient of restitution, equal where there is but one; None if the laws take none, or the
-    # scene's
+    # lowest and highest coefficient of restitution, equal if there is only one; None if the laws take none, or take
+    # that of the scene
     restitution: tuple[float, float] | None = None
 
     @property
     def is_mujoco(self) -> bool:
-        """Whether these are MuJoCo's own contacts."""
+        """Whether this stands for MuJoCo's own contacts."""
         return self.laws == (MUJOCO,)
 
     @property
     def is_drawn(self) -> bool:
-        """Whether episodes differ in their law."""
+        """Whether a law or a restitution is drawn for each episode."""
         return len(self.laws) > 1 or (self.restitution is not None and self.restitution[0] < self.restitution[1])
 
     @property
     def coefficient(self) -> float | None:
-        """The one coefficient of restitution of all episodes; None if there is none."""
+        """The coefficient of restitution that all episodes have in common; None if there is none."""
         if self.laws == ("maximal-dissipation",):
             return 0.0
         return None if self.restitution is None or self.is_drawn else self.restitution[0]
 
     def distribution(self) -> LawDistribution:
-        """Return what the law of an episode is drawn from, each law and each restitution as likely as any other."""
+        """Return the distribution of the law of an episode, uniform over laws and over the range of restitution."""
         return LawDistribution(self.laws, self.restitution)
 
     def settings(self) -> dict[str, Any]:
-        """Return what tells this from others, as plain values."""
+        """Return plain values that identify this law."""
         return {"laws": list(self.laws), "restitution": self.restitution and list(self.restitution)}
 
 
 def read_law(text: str) -> StatedLaw:
-    """Return the law, or laws, that a text states.
+    """Return the law, or laws, described by a text.
 
     Args:
-        text: names of laws with "|" between them, then ":" and the restitution, where the laws take one: a number, or
-            a range as in "moreau:0.4..1". A file as `impactlaw identify` writes it, ``law.json``, is a law too.
-            "mujoco" stands for MuJoCo's own contacts.
+        text: names of laws, separated by "|", then ":" and the restitution if the laws take one: a number, or a range
+            as in "moreau:0.4..1". A file written by `impactlaw identify`, such as ``law.json``, is also a law. "mujoco"
+            stands for MuJoCo's own contacts.
 
     Raises:
-        StudyError: the text is none of that.
-        UnknownNameError: no law has such a name.
+        StudyError: the text does not have this form.
+        UnknownNameError: there is no law with such a name.
         RestitutionError: the restitution does not fit the law.
     """
     if not isinstance(text, str) or not text:
@@ -81,7 +81,7 @@ def read_law(text: str) -> StatedLaw:
         if not taking:
             raise StudyError(f"{text!r}: {names} takes no restitution")
         for law, e in product(taking, restitution):
-            make_law(law, e)  # which refuses what does not fit
+            make_law(law, e)  # raises if the restitution does not fit the law
     return StatedLaw(text, laws, restitution)
 
 

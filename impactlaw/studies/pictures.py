@@ -1,4 +1,4 @@
-"""A transfer matrix as a picture: scores, and beside them regrets where there is more than one policy."""
+"""Draw a transfer matrix: scores, and beside them regrets if there is more than one policy."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ import pandas as pd
 from impactlaw.comparison.pictures import plain
 from impactlaw.studies.transfer import TransferMatrix
 
-_CELL = 1.15, 0.62  # inches
-_MARGIN = 0.9  # inches, for the axis' name and the title
+_CELL = 1.15, 0.62  # width and height of an entry, inches
+_MARGIN = 0.9  # room for the axis label and the title, inches
 
 
 def draw(matrix: TransferMatrix, path: Path) -> None:
-    """Write the picture as PNG."""
+    """Write the picture as a PNG file."""
     from matplotlib.figure import Figure
 
     shown, (rows, columns) = matrix.shown(), matrix.score.shape
-    beside = 0.085 * max(len(str(name)) for name in matrix.score.index)  # inches that names take, about
+    beside = 0.085 * max(len(str(name)) for name in matrix.score.index)  # approximate length of names, inches
     below = 0.065 * max(len(str(name)) for name in matrix.score.columns)
     width = len(shown) * max(columns * _CELL[0], 3.2) + beside + 2 * _MARGIN
     figure = Figure(figsize=(width, rows * _CELL[1] + below + 2 * _MARGIN), layout="constrained")

@@ -1,4 +1,4 @@
-"""The files of a study that people read: tables and pictures of its transfer matrices."""
+"""Write the readable results of a study: tables and pictures of its transfer matrices."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from impactlaw.studies.transfer import transfer_matrices
 
 
 def report(table: pd.DataFrame, folder: Path) -> str:
-    """Write ``transfer.md``, ``transfer.csv`` and a picture per matrix, and return the matrices for the screen."""
+    """Write ``transfer.md``, ``transfer.csv`` and a picture per matrix, and return the matrices as text to print."""
     matrices = list(transfer_matrices(table))
     try:
         (folder / "transfer.md").write_text("\n".join(m.to_markdown() for m in matrices), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Running a study: what is not there yet is made, each cell once, and one row per cell comes back."""
+"""Run a study: compute the missing cells, each once, and return a table with one row per cell."""
 
 from __future__ import annotations
 
@@ -19,30 +19,30 @@ if TYPE_CHECKING:
 
     from impactlaw.studies.cells import Cell, Training
 
-_SHOWN = 3  # failures that an error names
+_SHOWN = 3  # number of failures that an error names
 
 
 def run(
     study: Study, folder: str | Path, *, backend: str = PROCESSES, address: str | None = None, jobs: int = -1
 ) -> pd.DataFrame:
-    """Run what is not in the folder yet, and return the table: one row per cell.
+    """Run the cells of a study that are not in the folder yet, and return the table with one row per cell.
 
-    Finished cells and trained policies are written as they come (`Store`), so that a study that was stopped, by
-    whatever, goes on where it was. The table is the same from every backend, to the last bit, and is written to
+    Finished cells and trained policies are written immediately (`Store`), so that a study that was stopped in any way
+    continues where it was. The table is the same from every backend, to the last bit, and is written to
     ``table.parquet``. A cell that fails does not stop the others.
 
     Columns: task, scheme, policy, trained_under, acted_under, seed, episodes; those of `impactlaw.studies.play.play`;
     cell and trained, the names of the files of the cell and of the trained policy.
 
     Args:
-        study: what to run.
-        folder: of its files.
+        study: the study.
+        folder: folder of its files.
         backend: "loky" for processes of this machine, "dask" or "ray" for clusters, or a name that joblib knows.
-        address: of the cluster; one on this machine is started if not given.
-        jobs: cells at a time; -1 for one per processor.
+        address: address of the cluster; by default a cluster is started on this machine.
+        jobs: number of cells that run at a time; -1 for one per processor.
 
     Raises:
-        StudyError: it is no study, or does not fit its tasks, or cells have failed; what is finished is kept.
+        StudyError: study is not a `Study`, does not fit its tasks, or cells have failed; finished cells are kept.
         UnknownNameError: there is no such backend.
         MissingExtraError: a policy or the backend needs a package that is not installed.
         ImpactLawError: a law does not fit a task.
@@ -75,7 +75,7 @@ def run(
 
 
 def _check(cells: Iterable[Cell]) -> None:
-    """Make each environment of the study once, and take a step: what does not fit is refused before anything runs."""
+    """Make each environment of the study once and take a step, so that errors are raised before any cell runs."""
     each = (part.conditions for cell in cells for part in (cell, cell.training) if part is not None)
     for one in {str(one.settings()): one for one in each}.values():
         env = one.make()
@@ -87,7 +87,7 @@ def _check(cells: Iterable[Cell]) -> None:
 def _finish(
     todo: Mapping[str, Cell | Training], store: Store, results_of: Callable[[Jobs], Iterator[Any]], bar: tqdm
 ) -> list[str]:
-    """Let all of these be done, keep what comes, and return how some have failed."""
+    """Run all of these cells or trainings, store the results, and return descriptions of those that failed."""
     from impactlaw.studies.cells import Cell, job
 
     def job_of(one: Cell | Training) -> Callable[[], Any]:

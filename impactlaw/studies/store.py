@@ -1,4 +1,4 @@
-"""The folder of a study: finished cells and trained policies, each a file that is whole or not there."""
+"""The folder of a study: finished cells and trained policies, in files that are either complete or absent."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from impactlaw.errors import StudyError
 
 
 class Store:
-    """Keeps results by their keys.
+    """A store of results by their keys.
 
     ``cells/<key>.json`` holds settings and row of a cell, ``policies/<key>.zip`` a trained policy with its settings
     beside it in ``policies/<key>.json``. Files are written under another name and then renamed, so that a kill at any
-    moment leaves no half of one.
+    moment leaves no incomplete file.
     """
 
     def __init__(self, folder: Path):
         self.folder = folder
 
     def make(self) -> None:
-        """Make the folder, if it is not there.
+        """Create the folder if it does not exist.
 
         Raises:
-            StudyError: it cannot be made.
+            StudyError: the folder cannot be created.
         """
         try:
             for name in ("cells", "policies"):
@@ -57,13 +57,13 @@ class Store:
         return path if path.exists() else None
 
     def keep_policy(self, key: str, settings: dict[str, Any], content: bytes) -> None:
-        """Write a trained policy with its settings beside it; the policy comes last."""
+        """Write a trained policy with its settings beside it; the policy is written last."""
         write(self.folder / "policies" / f"{key}.json", _json(settings))
         write(self.folder / "policies" / f"{key}.zip", content)
 
 
 def write(path: Path, content: bytes) -> None:
-    """Write a file that is whole or not there."""
+    """Write a file so that it is either complete or absent."""
     unfinished = path.with_name(f".unfinished-{os.getpid()}-{path.name}")
     try:
         unfinished.write_bytes(content)

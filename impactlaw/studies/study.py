@@ -1,4 +1,4 @@
-"""A study: which policies, made for which laws, act under which laws."""
+"""The definition of a study: which policies, made for which laws, act under which laws."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ _EXAMPLES = {"tasks": "Hopper-v5", "policies": PPO}
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
-    """Policies made for laws, on tasks, and the laws that they act under; every combination is a cell.
+    """Tasks, policies made for laws, and the laws under which they act; every combination is a cell.
 
-    A law is a text: "moreau:0.5", "maximal-dissipation", "law.json" for one from a file, "moreau:0.4..1" or
-    "moreau|reversal:0.8" for one that is drawn for each episode, and "mujoco" for MuJoCo's own contacts, on tasks that
-    are not of this package (`impactlaw.studies.laws.read_law`).
+    A law is given as text: "moreau:0.5", "maximal-dissipation", "law.json" for a law from a file, "moreau:0.4..1" or
+    "moreau|reversal:0.8" for a law drawn for each episode, and "mujoco" for MuJoCo's own contacts, on tasks of other
+    packages (`impactlaw.studies.laws.read_law`).
 
     Attributes:
         tasks: ids of gymnasium, such as "impactlaw/Juggler-v0" or "Hopper-v5"; "module:id" imports the module first.
         act: laws to act under.
-        train: laws to make policies for; those to act under if not given.
-        policies: "ppo", trained under each law of `train` from each seed; "scripted", the controllers of this
-            package's own tasks, tuned to each law of `train` where they can be; "module:name" for a function of the
-            observation, or a class of such functions, of which each episode has an instance; a trained file of
-            stable-baselines3, "file.zip".
-        schemes: ways to step, for training and acting: "soft", "time-stepping", "event-driven"; the task's usual one,
-            event-driven for this package's own and soft for others, if not given.
-        seeds: each seed trains a policy of its own and plays episodes of its own; these are the same under every law.
-        episodes: of a cell.
-        steps: of a training, in whole rollouts of 16 384; 100 000 if not given.
+        train: laws to make policies for; by default those of `act`.
+        policies: "ppo", trained under each law of `train` from each seed; "scripted", the controllers of this package's
+            own tasks, tuned to each law of `train` if they can be tuned; "module:name" for a function of the
+            observation, or a class of such functions, with one instance per episode; "file.zip", a policy saved by
+            stable-baselines3.
+        schemes: ways to step, for training and acting: "soft", "time-stepping", "event-driven"; by default
+            event-driven for tasks of this package and soft for others.
+        seeds: each seed trains its own policy and plays its own episodes, which are the same under every law.
+        episodes: number of episodes of a cell.
+        steps: steps of a training, in whole rollouts of 16 384; by default 100 000.
 
     Raises:
-        StudyError: something is missing, twice, or would have no effect.
+        StudyError: a field is empty, has a value twice, is of a wrong type, or would have no effect.
         UnknownNameError: there is no such law or scheme.
         RestitutionError: a restitution does not fit its law.
     """
@@ -81,7 +81,7 @@ class Study:
 
     @property
     def training_steps(self) -> int:
-        """Steps of a training."""
+        """Number of steps of a training."""
         return _STEPS if self.steps is None else self.steps
 
     def _check_several(self, name: str) -> None:
@@ -100,7 +100,7 @@ class Study:
 
 
 def quick_study() -> Study:
-    """Return a study without training: the scripted controllers on this package's own tasks."""
+    """Return a study without training, of the scripted controllers on this package's own tasks."""
     return Study(
         tasks=tuple(f"impactlaw/{name}-v0" for name in ("Juggler", "Billiards", "NewtonsCradle", "RockingBlock")),
         train=("moreau:0.5", "moreau:0.8", "moreau:0.95"),

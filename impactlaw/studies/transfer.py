@@ -1,4 +1,4 @@
-"""Transfer matrices: what policies made for laws are worth under others, and what acting under another law costs."""
+"""Transfer matrices: the scores of policies under laws other than their own, and the regret of acting under them."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TransferMatrix:
-    """Scores of one task and scheme, a row per policy, a column per law that is acted under.
+    """Scores of one task and scheme, with a row per policy and a column per law under which the policies act.
 
     The score of an entry is the mean over seeds of the cells' mean returns. Its interval is Student's t over seeds,
     ``mean +- t s / sqrt(n)`` with n - 1 degrees of freedom; NaN for one seed. The regret is the best mean in the column
-    less the entry; its interval is that of the differences seed by seed, since a seed plays the same episodes for both.
-    The best is chosen by the same scores, so that regrets are rather too large than too small.
+    minus the entry. Its interval is that of the differences seed by seed, since a seed plays the same episodes for both
+    policies. The best policy is chosen by the same scores, so regrets tend to be too large rather than too small.
 
     Attributes:
-        task: id.
+        task: id of the task.
         scheme: way to step.
-        score: rows are policies, columns are laws.
-        half: half of the interval of the score.
-        regret: likewise.
-        regret_half: half of its interval; NaN for the best of a column, which has none.
-        seeds: how many.
-        confidence: of the intervals.
+        score: scores; rows are policies, columns are laws.
+        half: half widths of the intervals of the scores.
+        regret: regrets, in the same form.
+        regret_half: half widths of the intervals of the regrets; NaN for the best policy of a column.
+        seeds: number of seeds.
+        confidence: confidence of the intervals.
     """
 
     task: str
@@ -45,7 +45,10 @@ class TransferMatrix:
     confidence: float
 
     def to_frame(self) -> pd.DataFrame:
-        """Return one row per entry: task, scheme, policy, acted_under, score, half, regret, regret_half, seeds."""
+        """Return a table with one row per entry.
+
+        Columns: task, scheme, policy, acted_under, score, half, regret, regret_half, seeds.
+        """
         import pandas as pd
 
         parts = {name: getattr(self, name).stack(future_stack=True) for name in _NUMBERS}
@@ -55,20 +58,20 @@ class TransferMatrix:
         return table.assign(seeds=self.seeds)
 
     def to_markdown(self) -> str:
-        """Return two tables, of scores with the best of each column in bold, and of regrets."""
+        """Return tables of scores, with the best of each column in bold, and of regrets, see `shown`."""
         shown = self.shown()
         if len(self.score) > 1:
             shown["score"] = shown["score"].where(self.regret > 0, "**" + shown["score"] + "**")
         return "\n\n".join([self.title(), *(_markdown(what, table) for what, table in shown.items())]) + "\n"
 
     def shown(self) -> dict[str, pd.DataFrame]:
-        """Return scores, and regrets where there is more than one policy, as texts with their intervals."""
+        """Return scores, and regrets if there is more than one policy, as texts with their intervals."""
         digits = decimals(self.score.to_numpy())
         texts = {"score": _texts(self.score, self.half, digits)}
         return texts if len(self.score) == 1 else texts | {"regret": _texts(self.regret, self.regret_half, digits)}
 
     def title(self) -> str:
-        """Return what the numbers are."""
+        """Return a title that describes the numbers."""
         spread = f"{self.confidence:.0%} t intervals over {self.seeds} seeds" if self.seeds > 1 else "one seed"
         return f"{self.task}, {self.scheme}: mean return, {spread}"
 
@@ -88,14 +91,14 @@ def transfer_matrix(
     """Return the transfer matrix of a task and a scheme.
 
     Args:
-        table: as `impactlaw.studies.run` returns it.
-        task: id; needed where the table has several.
-        scheme: way to step; needed where the table has several of the task.
-        confidence: of the intervals.
+        table: a table returned by `impactlaw.studies.run`.
+        task: id of the task; required if the table has several.
+        scheme: way to step; required if the table has several for the task.
+        confidence: confidence of the intervals.
 
     Raises:
-        StudyError: the table is none of a study, has none or several of what was asked for, cells are missing, or
-            there twice, or confidence is not between 0 and 1.
+        StudyError: the table is not that of a study, does not determine one task and scheme, lacks cells or has cells
+            twice, or confidence is not between 0 and 1.
     """
     if not 0 < confidence < 1:
         raise StudyError(f"confidence lies between 0 and 1, got {confidence!r}")
@@ -122,7 +125,7 @@ def transfer_matrix(
 
 
 def transfer_matrices(table: pd.DataFrame, *, confidence: float = 0.95) -> Iterator[TransferMatrix]:
-    """Give the transfer matrices of all tasks and schemes; see `transfer_matrix`."""
+    """Yield the transfer matrices of all tasks and schemes; see `transfer_matrix`."""
     _check_columns(table)
     for task, scheme in table[["task", "scheme"]].drop_duplicates().itertuples(index=False):
         yield transfer_matrix(table, task=task, scheme=scheme, confidence=confidence)
@@ -146,7 +149,7 @@ def _check_once(table: pd.DataFrame) -> None:
 def _matrix(
     scores: np.ndarray, rows: list[str], columns: list[str], task: str, scheme: str, confidence: float
 ) -> TransferMatrix:
-    """Return the matrix of scores (rows, columns, seeds)."""
+    """Return the transfer matrix of scores, (rows, columns, seeds)."""
     import pandas as pd
 
     mean = scores.mean(axis=2)
@@ -162,7 +165,7 @@ def _matrix(
 
 
 def half_interval(values: np.ndarray, confidence: float) -> np.ndarray:
-    """Return half of Student's t interval of the mean over the last axis; NaN where that has length one."""
+    """Return half of Student's t interval of the mean over the last axis; NaN if its length is one."""
     from scipy.stats import t
 
     n = values.shape[-1]
@@ -172,20 +175,20 @@ def half_interval(values: np.ndarray, confidence: float) -> np.ndarray:
 
 
 def _row_names(table: pd.DataFrame) -> list[str]:
-    """Return the law that each row's policy is made for, and before it the policy's name where there are several."""
+    """Return the name of each row: the law that its policy is made for, preceded by the policy if there are several."""
     pairs = list(zip(table["policy"], table["trained_under"], strict=True))
     several = len({name for name, _ in pairs}) > 1
     return [f"{name}, {law}" if several and law else law or name for name, law in pairs]
 
 
 def decimals(values: np.ndarray) -> int:
-    """Return the decimals with which the largest of these has three digits."""
+    """Return the number of decimals with which the largest value has three digits."""
     largest = float(np.nanmax(np.abs(values), initial=0.0))
     return 0 if largest == 0 else max(0, 2 - math.floor(math.log10(largest)))
 
 
 def entry(value: float, half: float, digits: int) -> str:
-    """Return a number with half of its interval, if it has one."""
+    """Return a number as text, with half of its interval unless that is NaN."""
     text = f"{value + 0.0:.{digits}f}"
     return text if math.isnan(half) else f"{text} ± {half:.{digits}f}"
 

@@ -1,1 +1,1 @@
-"""Policies of studies: scripted, of the user's own, from a file, or trained."""
+"""Policies of studies: scripted, written by the user, read from a file, or trained."""

@@ -1,4 +1,4 @@
-"""One scripted controller per environment: it knows the task's mechanics and one law, and sees observations only."""
+"""Scripted controllers, one per environment: each knows the task's mechanics and one law, and acts on observations."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ GRAVITY = 9.81
 
 
 class OnePull:
-    """Cradle: pull the first ball to the target's height, wait until it hangs still, let go for good.
+    """A controller of the cradle: pull the first ball to the target's height, wait until it is at rest, and release it.
 
-    Tuned to "reversal" with e = 1, which hands the height on.
+    Tuned to "reversal" with e = 1, which passes the height on to the last ball.
     """
 
     def __init__(self) -> None:
@@ -35,10 +35,10 @@ class OnePull:
 
 @dataclass(frozen=True)
 class Hit:
-    """Juggler: meet the ball at the middle of the stroke with the speed that sends it to the target's height."""
+    """A controller of the juggler: hit the ball at mid-stroke with the speed that sends it to the target's height."""
 
-    restitution: float = 0.8  # e that it is tuned to
-    acceleration: float = 40.0  # with which the paddle gains that speed, m/s^2
+    restitution: float = 0.8  # the e to which it is tuned
+    acceleration: float = 40.0  # acceleration with which the paddle gains that speed, m/s^2
     dt: float = 0.01  # duration of a step, s
 
     def __call__(self, observation: np.ndarray) -> float:
@@ -48,7 +48,7 @@ class Hit:
         time = (velocity + arrival) / GRAVITY
         leaving = np.sqrt(2.0 * GRAVITY * target)
         hit = (leaving - self.restitution * arrival) / (1.0 + self.restitution)  # v+ = e arrival + (1 + e) hit
-        left = min(time - self.dt, abs(hit) / self.acceleration)  # time to gain speed, after this step
+        left = min(time - self.dt, abs(hit) / self.acceleration)  # time left to gain speed after this step
         a = np.copysign(self.acceleration, hit)
         next_place, next_speed = 0.5 * a * left**2 - hit * left, hit - a * left
         wanted = (next_speed + 15.0 * (next_place - place - self.dt * speed) - speed) / self.dt
@@ -57,13 +57,13 @@ class Hit:
 
 @dataclass(frozen=True)
 class FullHit:
-    """Billiards: hit the rack's first ball full, at the speed with which its neighbours just reach the corners."""
+    """A controller of billiards: hit the first ball full, at the speed with which its neighbours reach the corners."""
 
-    restitution: float = 0.95  # e of Moreau's law that it is tuned to; the balls leave with ``(1 + e) p``
+    restitution: float = 0.95  # the e of Moreau's law to which it is tuned; the balls leave with ``(1 + e) p``
 
     def __call__(self, observation: np.ndarray) -> tuple[float, float]:
         """Return angle and speed."""
-        contact = observation[2] - 0.0625, observation[3]  # of the cue ball's centre, one diameter before ball 1
+        contact = observation[2] - 0.0625, observation[3]  # position of the cue ball when it touches ball 1
         angle = np.arctan2(contact[1] - observation[1], contact[0] - observation[0])
         speed = 6.6 / (1.0 + self.restitution)
         slow, fast = billiards.SPEED
@@ -72,14 +72,14 @@ class FullHit:
 
 @dataclass(frozen=True)
 class Save:
-    """Rocking block: tilt the platform along with a block that has the energy to topple; leave the rest to impacts.
+    """A controller of the rocking block: tilt the platform with a block that may topple; leave the rest to impacts.
 
     Tuned to e = 0, where each change of foot takes half of the energy.
     """
 
-    enough: float = 0.8  # part of the energy to topple from which it acts
+    enough: float = 0.8  # energy of the block, relative to that needed to topple, from which it acts
     lead: float = 0.06  # time by which it looks ahead, s
-    frequency: float = 19.0  # with which the platform follows, rad/s
+    frequency: float = 19.0  # frequency with which the platform follows, rad/s
 
     def __call__(self, observation: np.ndarray) -> float:
         """Return the acceleration."""

@@ -1,4 +1,4 @@
-"""Policies by their names in a study: where they come from, and how they act."""
+"""Find the policies that a study names, and make controllers of them."""
 
 from __future__ import annotations
 
@@ -24,24 +24,24 @@ Controller = Callable[[Any], Any]
 
 @dataclass(frozen=True)
 class Policy:
-    """What acts, in a row of the transfer matrix."""
+    """The policy of a row of the transfer matrix."""
 
-    name: str  # as the study has it
-    made_for: str  # text of the law that it was trained under or tuned to; empty if for none that the study names
-    settings: dict[str, Any]  # what tells it from others, as plain values
-    # a function of the observation, a class of these, a trained file; None for one that is to be trained under
+    name: str  # name in the study
+    made_for: str  # text of the law that it is trained under or tuned to; empty if not made for a law of the study
+    settings: dict[str, Any]  # plain values that identify the policy
+    # a function of the observation, a class of such functions, or a trained file; None if it is to be trained under
     # `training`
     content: Controller | type | partial | bytes | None = None
-    training: Conditions | None = None  # what it is to be trained under
+    training: Conditions | None = None  # conditions under which to train it
 
 
 def policies_of(name: str, task: str, scheme: Scheme, laws: Sequence[StatedLaw]) -> list[Policy]:
-    """Return the policies that a name stands for on a task: one for each law, where it is made for laws.
+    """Return the policies that a name stands for on a task: one for each law, if they are made for laws, else one.
 
     Raises:
-        UnknownNameError: a name of no kind that there is.
+        UnknownNameError: the name is not of a known kind.
         StudyError: there is no such policy.
-        MissingExtraError: it needs a package that is not installed.
+        MissingExtraError: the policy needs a package that is not installed.
     """
     if name == PPO:
         needs_training_extra(f"training by {PPO!r}")
@@ -57,7 +57,7 @@ def policies_of(name: str, task: str, scheme: Scheme, laws: Sequence[StatedLaw])
 
 
 def opened(content: Controller | type | partial | bytes) -> Callable[[], Controller]:
-    """Return what gives the controller of each new episode."""
+    """Return a function that returns the controller of a new episode."""
     if isinstance(content, bytes):
         act = load(io.BytesIO(content))
         return lambda: act
@@ -110,7 +110,7 @@ def _imported(name: str) -> Policy:
 
 
 def _source(found: Any) -> str | None:
-    """Return a digest of the file that a function or class is from, so that an edited one counts as another."""
+    """Return a digest of the source file of a function or class, so that an edited policy counts as another one."""
     place = inspect.getmodule(found if inspect.isroutine(found) or isinstance(found, type) else type(found))
     try:
         return None if place is None else hashlib.sha256(inspect.getsource(place).encode()).hexdigest()

@@ -1,4 +1,4 @@
-"""Training by stable-baselines3: PPO in 64 environments, worlds of one batch where task and law allow it."""
+"""Train policies by PPO of stable-baselines3 in 64 environments, the worlds of one batch if task and law allow it."""
 
 # pyright: reportMissingImports=false
 from __future__ import annotations
@@ -13,22 +13,22 @@ from impactlaw.studies.environments import Conditions
 
 ENVIRONMENTS = 64
 PPO_SETTINGS = {"n_steps": 256, "batch_size": 256}
-"""As many steps between updates, 16 384, as by default in eight environments; larger batches for so many."""
+"""With 64 environments these give 16 384 steps between updates, as the defaults do with eight, and larger batches."""
 
 
 def needs_training_extra(what: str) -> None:
-    """Refuse where stable-baselines3 is not installed."""
+    """Raise MissingExtraError if stable-baselines3 is not installed; `what` needs it."""
     if importlib.util.find_spec("stable_baselines3") is None:
         raise MissingExtraError(what, "stable-baselines3", "train")
 
 
 def train(conditions: Conditions, steps: int, seed: int) -> bytes:
-    """Return a trained policy, as the zip file of stable-baselines3; on one processor it depends on nothing else.
+    """Return a trained policy, as a zip file of stable-baselines3; on the same processor the result is reproducible.
 
     Args:
-        conditions: what it is trained under.
-        steps: of all environments together; PPO takes whole rollouts of 16 384.
-        seed: of the network, the environments and the laws that are drawn.
+        conditions: task, law and scheme of the training.
+        steps: number of steps of all environments together; PPO takes whole rollouts of 16 384.
+        seed: seed of the network, the environments and the drawn laws.
     """
     import torch
     from gymnasium.spaces import Dict
@@ -53,7 +53,7 @@ def train(conditions: Conditions, steps: int, seed: int) -> bytes:
 
 
 def load(file: io.BytesIO) -> Any:
-    """Return the function from observation to action that a file of stable-baselines3 holds, without exploration."""
+    """Return the policy of a stable-baselines3 file as a function from observation to action, without exploration."""
     import stable_baselines3
     from stable_baselines3.common.save_util import load_from_zip_file
 
@@ -63,5 +63,5 @@ def load(file: io.BytesIO) -> Any:
     except (ValueError, KeyError, zipfile.BadZipFile) as error:
         raise StudyError(f"a policy is a file that stable-baselines3 has saved: {error}") from None
     file.seek(0)
-    model = getattr(stable_baselines3, kind, stable_baselines3.PPO).load(file, device="cpu")  # PPO's is "COMMON"
+    model = getattr(stable_baselines3, kind, stable_baselines3.PPO).load(file, device="cpu")  # kind is "COMMON" for PPO
     return lambda observation: model.predict(observation, deterministic=True)[0]

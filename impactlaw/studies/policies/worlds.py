@@ -1,4 +1,4 @@
-"""Training in many worlds at once, where a task has them (`impactlaw.envs.vector`)."""
+"""Provide many worlds for training, for tasks that have them (`impactlaw.envs.vector`)."""
 
 # pyright: reportMissingImports=false
 from __future__ import annotations
@@ -15,7 +15,7 @@ from impactlaw.studies.environments import Conditions, is_own, spec_of
 
 
 def training_worlds(conditions: Conditions, count: int) -> Worlds | None:
-    """Return worlds of a task; None if it has none, or none that step in this way under each of these laws."""
+    """Return worlds of a task; None if it has none, or if they do not support the scheme or a law."""
     law, task = conditions.law, spec_of(conditions.task).id
     name = task if is_own(task) else f"impactlaw/{task}"
     spec = gymnasium.registry.get(name)
@@ -34,7 +34,7 @@ def training_worlds(conditions: Conditions, count: int) -> Worlds | None:
 
 
 class Worlds(VecEnv):
-    """Worlds of one task as stable-baselines3 takes them: one whose episode has ended is reset in the same step."""
+    """Worlds of one task as a `VecEnv` of stable-baselines3, which resets a world in the step that ends its episode."""
 
     def __init__(self, worlds: VectorEnv[Any, Any, Any]):
         self._worlds: Any = worlds
@@ -42,17 +42,17 @@ class Worlds(VecEnv):
         super().__init__(worlds.num_envs, worlds.single_observation_space, worlds.single_action_space)
 
     def reset(self) -> np.ndarray:
-        """Begin an episode in all worlds, from the seeds that were set before."""
+        """Begin an episode in all worlds, from the seeds set before."""
         observed, _ = self._worlds.reset(seed=self._seeds)
         self._reset_seeds()
         return observed
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Keep the actions for `step_wait`."""
+        """Store the actions for `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """Step all worlds, and reset those that have ended."""
+        """Step all worlds, and reset those whose episode has ended."""
         observed, reward, terminated, truncated, _ = self._worlds.step(self._actions)
         over = terminated | truncated
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
@@ -67,7 +67,7 @@ class Worlds(VecEnv):
         self._worlds.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Return an attribute of each of some worlds, or of all: its own law and restitution, else that of all.
+        """Return an attribute of each of some worlds, or of all; only law and restitution differ between worlds.
 
         Raises:
             AttributeError: worlds have no such attribute.
@@ -76,19 +76,19 @@ class Worlds(VecEnv):
         return [found[i] for i in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Refuse: the worlds of a training are settled when they are made."""
+        """Raise UnsupportedError: the worlds of a training are fixed when they are made."""
         raise UnsupportedError(
             f"{attr_name} of the worlds of a training cannot be set: they are settled when they are made; "
             "name other laws or tasks in the study, or make worlds of your own with gymnasium.make_vec"
         )
 
     def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
-        """Refuse: worlds are stepped together, and there is no environment for each of them."""
+        """Raise UnsupportedError: worlds are stepped together, and are not separate environments."""
         raise UnsupportedError(
             f"{method_name} cannot be called on one world: worlds of a training are stepped together, and there is no "
             "environment for each of them; read what all have with get_attr, or make a single one with gymnasium.make"
         )
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
-        """Say that no world is wrapped."""
+        """Return False for each world: no world is wrapped."""
         return [False for _ in self._get_indices(indices)]
