@@ -31,7 +31,7 @@ for _entry_point, _worlds, _steps, _solved in (
         vector_entry_point=_worlds and f"impactlaw.envs.vector.driven:{_worlds}",
         max_episode_steps=_steps,
         reward_threshold=_solved,
-        disable_env_checker=True,  # after a first reset that fails, gymnasium's checker lets every later step fail
+        disable_env_checker=True,  # if the first reset fails, gymnasium's checker makes every later step fail too
     )
 for _name in ("Hopper-v5", "Walker2d-v5", "HalfCheetah-v5", "Ant-v5", "Humanoid-v5"):
     gymnasium.register(

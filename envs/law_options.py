@@ -201,7 +201,7 @@ def describe_law(law: Law) -> dict[str, str | float]:
 
 
 def portable_options(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return constructor arguments in a form that `gymnasium.EnvSpec` can write to JSON, where there is one."""
+    """Return constructor arguments in a form that `gymnasium.EnvSpec` can write to JSON, as far as possible."""
     result = dict(options)
     for name in {"law", "restitution"} & result.keys():
         with suppress(RestitutionError):  # writing JSON will report it

@@ -70,7 +70,7 @@ class OnPhysics(PlacedLaw):
             raise
 
     def _step(self, nstep: int) -> None:
-        """Step as `Physics.step` does: with ``legacy_step``, from the middle of one step to that of another.
+        """Step as `Physics.step` does: with ``legacy_step``, start and end between the halves of a MuJoCo step.
 
         The order is `mj_step2`, whole steps, `mj_step1`; RK4 and rigid contact have no half steps and skip `mj_step2`.
         """

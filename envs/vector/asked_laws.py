@@ -39,7 +39,7 @@ class Asked(NamedTuple):
 def asked_laws(
     model: mujoco.MjModel, law: Any, restitution: Any, count: int, *, usual: float | None = None
 ) -> Asked | list[Asked] | LawDistribution:
-    """Return the laws of worlds: one for all, a list of one per world, or a distribution as it was given.
+    """Return the laws of worlds: one law for all, a list with one law per world, or the given distribution.
 
     Args:
         model: the model of all worlds.

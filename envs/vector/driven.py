@@ -110,7 +110,7 @@ class Alongside(SyncVectorEnv):
 
     Raises:
         OptionError: the number of assigned values is not that of the environments.
-        UnknownNameError: there is no law as assigned to an environment.
+        UnknownNameError: there is no such law.
         RestitutionError: the restitution does not fit the law.
     """
 

@@ -122,7 +122,7 @@ class Batch:
         self.set_law(law)
 
     def __reduce_ex__(self, protocol: Any) -> Any:
-        """Refuse to be copied and pickled."""
+        """Raise CopyError: a batch cannot be copied or pickled."""
         raise CopyError(
             f"{type(self).__name__} cannot be copied or pickled: its worlds are in memory that compiled code holds; "
             "make another one, and copy the rows of `state`"

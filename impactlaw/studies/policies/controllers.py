@@ -74,7 +74,7 @@ class FullHit:
 class Save:
     """A controller of the rocking block: tilt the platform with a block that may topple; leave the rest to impacts.
 
-    Tuned to e = 0, where each change of foot takes half of the energy.
+    Tuned to e = 0, where each change of foot dissipates half of the energy.
     """
 
     enough: float = 0.8  # energy of the block, relative to that needed to topple, from which it acts
