@@ -1,4 +1,4 @@
-"""Calls in a process of their own, so that what hangs or crashes costs one row of a study and not the study."""
+"""Calls in a separate process: a call that hangs or crashes costs one row of a study, not the whole study."""
 
 import multiprocessing
 import os
@@ -14,20 +14,20 @@ _START = 600.0  # s that importing everything, and compiling it the first time, 
 
 
 class HangsError(Exception):
-    """A call that took longer than it may."""
+    """A call took longer than its budget."""
 
 
 class CrashesError(Exception):
-    """A call that has ended its process."""
+    """A call ended its process."""
 
 
 class Worker:
-    """A process that takes one call after the other; it is ended and replaced when a call exceeds its budget.
+    """A process that takes one call after the other; it is killed and replaced when a call exceeds its budget.
 
-    It works in a temporary folder, where MuJoCo writes its warnings to a file.
+    It works in a temporary folder, because MuJoCo writes its warnings to a file there.
 
     Args:
-        prepare: what the process does first, so that no call pays for it.
+        prepare: what the process runs first, so that its time does not count for any call.
     """
 
     def __init__(self, prepare: Callable[[], object]):
@@ -44,18 +44,18 @@ class Worker:
         self._folder.cleanup()
 
     def begin(self) -> ProcessPoolExecutor:
-        """Start the process, if there is none, and let it prepare."""
+        """Start the process, unless it is running, and let it prepare."""
         if self._pool is None:
             self._pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
             self._process = self._pool.submit(_begin, self._prepare, self._folder.name).result(_START)
         return self._pool
 
     def call(self, function: Callable[..., Any], *arguments: Any, budget: float) -> Any:
-        """Return what a function returns, which may take ``budget`` seconds.
+        """Run a function in the process, for at most ``budget`` seconds, and return its result.
 
         Raises:
-            HangsError: it takes longer.
-            CrashesError: the process has ended.
+            HangsError: if it takes longer.
+            CrashesError: if the process ends.
         """
         pool = self.begin()
         try:
@@ -76,7 +76,7 @@ class Worker:
 
 
 def _begin(prepare: Callable[[], object], folder: str) -> int:
-    """Return the process."""
+    """Change to the folder, prepare, and return the id of the process."""
     os.chdir(folder)
     prepare()
     return os.getpid()

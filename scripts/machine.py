@@ -1,4 +1,4 @@
-"""What a table was measured on: the processor, its cores, and the versions of everything that was timed."""
+"""The machine that a table was measured on: processor, cores, and the versions of the packages that were timed."""
 
 import os
 import platform
@@ -9,7 +9,7 @@ PACKAGES = ("impactlaw", "mujoco", "numpy", "scipy", "daqp", "osqp")
 
 
 def one_line() -> str:
-    """Return it as one line for the foot of a table or a picture; the cores are those that this process may use."""
+    """Return the machine as one line for the foot of a table or a picture; the cores are those open to this process."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     versions = ", ".join(f"{name} {version(name)}" for name in PACKAGES)
     machine = f"{_processor()}, {cores} cores, {platform.system()}"

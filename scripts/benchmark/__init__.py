@@ -1,1 +1,1 @@
-"""Benchmarks: what laws, steps and the import cost."""
+"""Benchmarks: run time of laws, steps, environments and the import."""

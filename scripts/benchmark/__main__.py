@@ -1,8 +1,8 @@
-"""What laws, steps and the import cost, next to bare `scipy.optimize.nnls`, `mj_step` and ``import mujoco``.
+"""Time laws, steps and the import, next to bare `scipy.optimize.nnls`, `mj_step` and ``import mujoco``.
 
-Everything is measured on this machine in this run: one process for what is compared, in turns. Tables are printed and
-written as CSV, with a line for each goal that the project has set itself. Timings vary from run to run; the ratios vary
-less.
+Both sides of a comparison are measured in this run on this machine, taking turns in one process where that is possible.
+Tables are printed and written as CSV, with one line for each performance goal of the project. Timings vary from run to
+run; ratios vary less.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _QUICK_ENVIRONMENTS = ("Hopper-v5",)
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark:
-    """What to measure; a field per part."""
+    """What to measure; one field per part."""
 
     parts: tuple[Part, ...] = get_args(Part)
     """Which parts to run."""
@@ -65,7 +65,7 @@ class Benchmark:
     worlds: worlds.Worlds = field(default_factory=worlds.Worlds)
 
     def quickly(self) -> Benchmark:
-        """Return the same with fewer and smaller cases, and nothing compiled anew: for a look, and for the tests."""
+        """Return a copy with fewer and smaller cases, and without compilation, for a quick look and for the tests."""
         return replace(
             self,
             parts=tuple(part for part in self.parts if part != "compiling"),
@@ -114,17 +114,17 @@ def described() -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """What the command line asks for."""
+    """Options of the command line."""
 
     study: Annotated[Benchmark, tyro.conf.arg(name="")] = field(default_factory=Benchmark)
     quick: bool = False
-    """Fewer and smaller cases, in less than a minute; what these cost says little about large ones."""
+    """Run fewer and smaller cases, in less than a minute; their times say little about large ones."""
     out: Path = Path("out/benchmark")
     """Folder of the CSV files."""
 
 
 def main() -> None:
-    """Measure, print and write, with one BLAS thread: on a busy machine two cost up to a hundred times as much."""
+    """Measure, print and write, with one BLAS thread: on a busy machine two take up to a hundred times as long."""
     if _THREADS not in os.environ:  # numpy reads it when it is imported
         command = [sys.executable, "-m", "scripts.benchmark", *sys.argv[1:]]
         os.execve(sys.executable, command, {**os.environ, _THREADS: "1"})

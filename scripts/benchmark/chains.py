@@ -1,9 +1,9 @@
 """Chains of balls: the law on sparse data against OSQP and Clarabel, which get the same data as a quadratic program.
 
 The program is ``min Lambda^T G Lambda / 2 - c^T Lambda, Lambda >= 0`` ("impulse") or ``min |z|^2 / 2, Y z >= c``
-("velocity"); the better form of each solver is what the goals compare with. The solvers' setup is in the time, as the
-law's own preparations are; forming G and the programs' matrices is not. Residuals are measured alike for all, by the
-natural map of the law's own complementarity.
+("velocity"); the goals compare with the faster form of each solver. All times include the solver's setup or the law's
+own preparations, but not the forming of G and of the programs' matrices. Residuals are measured in the same way for
+all, by the natural map of the law's complementarity.
 """
 
 import os
@@ -28,30 +28,30 @@ from .laws import fresh
 from .timing import in_turns
 
 TOLERANCE = 1e-9
-"""What OSQP and Clarabel are asked for."""
+"""Tolerance that OSQP and Clarabel are asked for."""
 ABSENT = "not installed"
 _RESTITUTION = 0.5
 _ITERATIONS = 20_000  # of OSQP
-_LONG = 1.0  # seconds of one call above which it is timed three times only
+_LONG = 1.0  # s; above this time of one call of each solver, calls are timed in two rounds, otherwise in five
 
 
 @dataclass(frozen=True, kw_only=True)
 class ChainCost:
-    """Which chains, for how long."""
+    """Which chains to time, and for how long."""
 
     sizes: tuple[int, ...] = (100, 1000, 10_000)
-    """Contacts."""
+    """Numbers of contacts."""
     starts: tuple[str, ...] = ("launched", "random")
-    """"launched": equal balls in touch, the first one comes in; "random": masses and velocities are, so that part of
-    the contacts separates."""
+    """"launched": equal balls in touch, the first one comes in; "random": random masses and velocities, so that some
+    of the contacts separate."""
     seconds: float = 3.0
     """Time per chain."""
     seed: int = 0
-    """Seed of the random ones."""
+    """Seed of the random chains."""
 
 
 class Program(NamedTuple):
-    """``min x^T P x / 2 + q^T x, A x >= low``, P and A as CSC matrices, P's upper triangle."""
+    """The quadratic program ``min x^T P x / 2 + q^T x, A x >= low``; P (its upper triangle) and A are CSC matrices."""
 
     P: sp.csc_matrix
     q: np.ndarray
@@ -61,15 +61,15 @@ class Program(NamedTuple):
 
 @dataclass(frozen=True)
 class Chain:
-    """One problem, as the law gets it and as the programs do.
+    """One problem, as the law gets it and as quadratic programs.
 
     Attributes:
-        collision: with sparse M and J.
+        collision: the collision, with sparse M and J.
         Y: whitened Jacobian, CSR, (h, nv).
-        c: wanted change of the contact velocities, (h,).
-        lengths: of the rows of Y, (h,).
+        c: change of the contact velocities that the law asks for, (h,).
+        lengths: lengths of the rows of Y, (h,).
         speed: ``|v-|``, sqrt(J).
-        programs: the same as quadratic programs, by form.
+        programs: the quadratic programs, by form.
     """
 
     collision: Collision
@@ -86,7 +86,7 @@ class Chain:
 
 
 def chain(h: int, start: str, seed: int) -> Chain:
-    """Return h contacts between h + 1 balls on a line."""
+    """Return the problem of h contacts between h + 1 balls on a line."""
     rng = np.random.default_rng([seed, h])
     n = h + 1
     mass, v = np.ones(n), np.zeros(n)
@@ -106,15 +106,15 @@ def chain(h: int, start: str, seed: int) -> Chain:
 
 
 def cases(study: ChainCost) -> list[tuple[str, int]]:
-    """Return the chains to come."""
+    """Return the chains to time, (start, contacts)."""
     return [(start, h) for start in study.starts for h in study.sizes]
 
 
 def run(study: ChainCost, progress: Callable[[], object] = lambda: None) -> pd.DataFrame:
     """Return one row per chain and solver.
 
-    Columns: milliseconds (median), residual (of the impulse, by one measure for all), ratio of the time to the law's;
-    outcome, "solved" or what kept the solver from it.
+    Columns: milliseconds (median), residual of the impulse (measured alike for all solvers), ratio of the time to the
+    law's; outcome, "solved" or the reason why the solver failed.
     """
     table = []
     for start, h in cases(study):
@@ -146,7 +146,7 @@ def _rows(study: ChainCost, problem: Chain, start: str, h: int) -> list[dict[str
 
 
 def _law(problem: Chain) -> Impact:
-    """Resolve a collision of which M, J, v-, Y and R^T v- are known: v+ and its certificate."""
+    """Resolve a collision whose M, J, v-, Y and R^T v- are known, and certify the result."""
     return Moreau(_RESTITUTION).resolve(fresh(problem.collision))
 
 
@@ -164,7 +164,7 @@ def _osqp(program: Program, form: str) -> np.ndarray | str:
 
 
 def _clarabel(program: Program, form: str) -> np.ndarray | str:
-    if find_spec("clarabel") is None:  # no dependency: compared with where it is installed
+    if find_spec("clarabel") is None:  # not a dependency; compared where it is installed
         return ABSENT
     clarabel = import_module("clarabel")
     settings = clarabel.DefaultSettings()
@@ -179,7 +179,7 @@ def _clarabel(program: Program, form: str) -> np.ndarray | str:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep what OSQP's polishing prints, verbose or not, from the standard output."""
+    """Silence the standard output: OSQP's polishing prints to it even without `verbose`."""
     sys.stdout.flush()
     kept = os.dup(1)
     try:

@@ -1,7 +1,7 @@
-"""What environments cost: the wrapper `ImpactLaw`, single steps of robots, soft steps of a heap, our own tasks.
+"""Run time of environments: the wrapper `ImpactLaw`, single steps of robots, soft steps of a heap, our own tasks.
 
-What is compared takes the same steps again and again, in one process, in turns and in short pieces, and the fastest
-time of each piece counts: what other processes take from the machine is left out.
+Both sides of a comparison repeat the same steps, in turns in one process. The steps are timed in short pieces, and the
+fastest time of each piece counts, so that other processes on the machine disturb the result less.
 """
 
 import copy
@@ -31,16 +31,16 @@ _SHAPES = ("box", "sphere", "capsule", "cylinder", "ellipsoid")
 
 @dataclass(frozen=True, kw_only=True)
 class WrapperCost:
-    """Which environments, for how long."""
+    """Which environments to wrap, and for how long."""
 
     wrapped: tuple[str, ...] = ENVIRONMENTS
     """Ids of gymnasium's MuJoCo environments."""
     restitution: float = 0.5
     """Coefficient of Moreau's law."""
     steps: int = 400
-    """Environment steps of the episode; what ends before is reset."""
+    """Environment steps per run; an episode that ends earlier is reset."""
     repetitions: int = 15
-    """Times that it is taken."""
+    """Number of runs."""
 
 
 def run(study: WrapperCost, progress: Callable[[], object] = lambda: None) -> pd.DataFrame:
@@ -66,7 +66,7 @@ def run(study: WrapperCost, progress: Callable[[], object] = lambda: None) -> pd
 
 
 def _episode(env: Any, actions: list[np.ndarray]) -> tuple[np.ndarray, int]:
-    """Return the seconds of each piece, and the number of collisions."""
+    """Return the time of each piece, s, and the number of collisions."""
     env.reset(seed=0)
     seconds, collisions = [], 0
     bounds = [*range(0, len(actions), _PIECE), len(actions)]
@@ -84,23 +84,23 @@ def _episode(env: Any, actions: list[np.ndarray]) -> tuple[np.ndarray, int]:
 
 @dataclass(frozen=True, kw_only=True)
 class RobotCost:
-    """Single steps of robots under random controls, next to `mj_step`."""
+    """Which robots to step under random controls, next to `mj_step`."""
 
     robots: tuple[str, ...] = (*ENVIRONMENTS, "dm/quadruped")
     """Ids of gymnasium's MuJoCo environments, or dm_control's quadruped."""
     steps: int = 2000
-    """Timesteps; the controls change every `_HELD`."""
+    """Timesteps per run; the controls change every `_HELD` timesteps."""
     repetitions: int = 8
-    """Times that they are taken, from the start."""
+    """Number of runs, each from the start."""
 
 
 _HELD = 5
 
 
 def run_robots(study: RobotCost, progress: Callable[[], object] = lambda: None) -> pd.DataFrame:
-    """Return one row per robot and integrator: microseconds of a step of MuJoCo, of time stepping, and soft.
+    """Return one row per robot and integrator: microseconds of a step of MuJoCo, of time stepping and of soft stepping.
 
-    The law is Moreau's with e = 0, friction is exact. The integrator is as shipped, and Euler.
+    The law is Moreau's with e = 0, and friction is exact. The integrators are the model's own and Euler.
     """
     rows = []
     for name in study.robots:
@@ -136,7 +136,7 @@ def _robot(name: str) -> mujoco.MjModel:
 
 
 def _drive(model: mujoco.MjModel, step: Callable[[mujoco.MjData], object], pieces: int) -> np.ndarray:
-    """Return the seconds of each piece of steps; controls are random in their range, and the same each time."""
+    """Return the time of each piece of steps, s, under controls that are random but the same in each run."""
     data = mujoco.MjData(model)
     seconds = []
     with no_collection():
@@ -151,20 +151,20 @@ def _drive(model: mujoco.MjModel, step: Callable[[mujoco.MjData], object], piece
 
 @dataclass(frozen=True, kw_only=True)
 class HeapCost:
-    """A heap of bodies that falls, under MuJoCo's contacts and under the soft layer."""
+    """Which heaps of falling bodies to step, under MuJoCo's contacts and with soft stepping."""
 
     bodies: tuple[int, ...] = (10, 30, 100)
-    """How many: boxes, balls, capsules, cylinders and ellipsoids in turn."""
+    """Numbers of bodies: boxes, balls, capsules, cylinders and ellipsoids in turn."""
     restitution: float = 0.5
     """Coefficient of Moreau's law."""
     steps: int = 500
-    """Timesteps of 2 ms."""
+    """Timesteps of 2 ms per run."""
     repetitions: int = 5
-    """Times that they are taken."""
+    """Number of runs."""
 
 
 def run_heaps(study: HeapCost, progress: Callable[[], object] = lambda: None) -> pd.DataFrame:
-    """Return one row per heap: microseconds of a step of MuJoCo and of the soft layer, and their ratio."""
+    """Return one row per heap: microseconds of a step of MuJoCo and of soft stepping, and their ratio."""
     rows = []
     for bodies in study.bodies:
         best = np.full((2, -(-study.steps // _PIECE)), np.inf)
@@ -188,7 +188,7 @@ def heap(bodies: int) -> mujoco.MjModel:
 
 
 def _fall(model: mujoco.MjModel, study: HeapCost) -> np.ndarray:
-    """Return the seconds of each piece, MuJoCo's and soft, (2, pieces); both begin where a soft piece has ended."""
+    """Return the time of each piece, s, by MuJoCo and soft, (2, pieces); both start where the last soft piece ended."""
     stepper, data, seconds = Stepper(model, Moreau(study.restitution), contact_model="soft"), mujoco.MjData(model), []
     ways: tuple[Callable[[mujoco.MjData], object], ...] = (lambda data: mujoco.mj_step(model, data), stepper.step)
     for _ in range(0, study.steps, _PIECE):
@@ -205,22 +205,22 @@ def _fall(model: mujoco.MjModel, study: HeapCost) -> np.ndarray:
 
 @dataclass(frozen=True, kw_only=True)
 class TaskCost:
-    """How fast this package's own tasks are under random actions."""
+    """Which of this package's own tasks to step under random actions."""
 
     tasks: tuple[str, ...] = ("Juggler", "RockingBlock", "Billiards")
     """Names of `impactlaw/...-v0`."""
     schemes: tuple[str, ...] = ("event-driven", "time-stepping")
-    """Ways to step."""
+    """Schemes of `impactlaw.Stepper`."""
     actions: int = 1000
-    """Environment steps."""
+    """Environment steps per run."""
     times: int = 3
-    """Times that they are taken."""
+    """Number of runs."""
     worlds: int = 256
-    """Worlds of each task that can be stepped many at a time, by all threads."""
+    """Number of worlds for tasks that have a vector environment, stepped by all threads."""
 
 
 def run_tasks(study: TaskCost, progress: Callable[[], object] = lambda: None) -> pd.DataFrame:
-    """Return one row per task and scheme: environment steps a second, resets included."""
+    """Return one row per task and scheme: environment steps per second, resets included."""
     rows = []
     for name in study.tasks:
         for scheme in study.schemes:
@@ -242,7 +242,7 @@ def run_tasks(study: TaskCost, progress: Callable[[], object] = lambda: None) ->
 
 
 def steps_per_second(worlds: VectorEnv, calls: int, times: int = 1) -> float:
-    """Return environment steps a second of many worlds under random actions: of so many calls, the fastest time."""
+    """Return the environment steps per second of many worlds under random actions, by the fastest run of the calls."""
     worlds.action_space.seed(0)
     worlds.reset(seed=0)
     actions = [worlds.action_space.sample() for _ in range(_PIECE)]

@@ -1,4 +1,4 @@
-"""The acceptance lines: each goal the project has set itself, the number measured, and whether it is met."""
+"""The performance goals of the project: for each, the number measured, and whether the goal is met."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,8 +20,8 @@ IMPORT_SECONDS = 0.3
 MANY, SECOND_THREAD = 1024, 1.8
 OF_PROCESSES, COMPILE_SECONDS, LOAD_SECONDS = 5.0, 60.0, 2.0
 SOFT_RATIOS = {"Ant-v5": 1.15, "Humanoid-v5": 1.15, "Hopper-v5": 1.25, "Walker2d-v5": 1.25}
-SAVED = 0.95  # median time with a part put back, relative to that without, that is no less but for timing
-SAME = 1e-12  # m or rad: what two ways to take the same steps may differ by
+SAVED = 0.95  # median ratio of the times with and without a part, down to which the part is not faster, given noise
+SAME = 1e-12  # m or rad; largest difference between two ways to take the same steps
 _COMPARED = {
     "to_shipped": ("shipped", 1.0),
     "to_euler": ("euler", 0.4),
@@ -31,12 +31,12 @@ _SMALL = ("cradle 5", "cradle 5, Euler", "box_drop", "box_drop, Euler", "box at 
 
 
 Table = Any
-"""A table of pandas, whose types do not tell rows from columns."""
+"""A DataFrame; the types of pandas do not tell rows from columns."""
 
 
 @dataclass(frozen=True)
 class Goal:
-    """One line: what was asked for, what was measured, whether that is enough."""
+    """One line: the goal, the measured value, and whether the goal is met."""
 
     goal: str
     measured: str
@@ -47,7 +47,7 @@ class Goal:
 
 
 def goals(tables: dict[str, pd.DataFrame]) -> list[Goal]:
-    """Return the lines that these tables can answer."""
+    """Return the goals that these tables can judge."""
     answers = {
         "laws": _law_goals,
         "chains": _chain_goals,
@@ -76,12 +76,12 @@ def as_table(lines: list[Goal]) -> pd.DataFrame:
 
 
 def _most(goal: str, value: float, most: float, digits: int = 2, unit: str = "") -> Goal:
-    """Return the line of a number that may not be larger."""
+    """Return the goal of a value with an upper bound."""
     return Goal(goal, f"{value:.{digits}f}{unit}", bool(value <= most))
 
 
 def _least(goal: str, value: float, least: float, digits: int = 2) -> Goal:
-    """Return the line of a number that may not be smaller."""
+    """Return the goal of a value with a lower bound."""
     return Goal(goal, f"{value:.{digits}f}", bool(value >= least))
 
 

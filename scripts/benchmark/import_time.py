@@ -1,4 +1,4 @@
-"""What ``import impactlaw`` adds to ``import mujoco``, in fresh processes, and which large packages it loads."""
+"""Time that ``import impactlaw`` adds to ``import mujoco``, in fresh processes, and the large packages it loads."""
 
 import json
 import subprocess
@@ -28,14 +28,14 @@ print(json.dumps({{"mujoco_s": middle - start, "added_s": end - middle, "modules
 
 @dataclass(frozen=True, kw_only=True)
 class ImportTime:
-    """How many processes."""
+    """How many processes to start."""
 
     processes: int = 15
-    """Fresh ones."""
+    """Number of fresh processes."""
 
 
 def run(study: ImportTime, progress: Callable[[], object] = lambda: None) -> pd.DataFrame:
-    """Return one row per process: mujoco_s, added_s, how many modules impactlaw loads, and the heavy ones of them."""
+    """Return one row per process: mujoco_s, added_s, the number of modules that impactlaw loads, and the heavy ones."""
     rows = []
     for _ in range(study.processes):
         row = json.loads(subprocess.check_output([sys.executable, "-c", _CODE], text=True))

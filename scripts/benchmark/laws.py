@@ -1,8 +1,8 @@
-"""What a law costs from (Y, v-) to v+, certificate included, against one bare call of `scipy.optimize.nnls`.
+"""Time of a law from (Y, v-) to v+, certificate included, against one bare call of `scipy.optimize.nnls`.
 
-Y is the whitened Jacobian and R^T v- the whitened velocity; everything else (lengths of the gradients, contact
-velocities, the target, the certificate) is in the time "law". Bare NNLS gets the same Y and the d with ``Y d = c`` for
-nothing, and its answer is not checked.
+The whitened Jacobian Y and the whitened velocity R^T v- are given; the time "law" includes everything else: lengths of
+the gradients, contact velocities, the target, the certificate. Bare NNLS gets the same Y and a d with ``Y d = c``,
+prepared outside its time, and its answer is not checked.
 """
 
 import time
@@ -19,19 +19,19 @@ from impactlaw.solvers import Problem
 
 from .timing import in_turns
 
-_MANY = 320  # contacts of the problems of a row, all together
-_SLOW = 0.2  # seconds of a round above which two are enough
+_MANY = 320  # total number of contacts of the problems of a row
+_SLOW = 0.2  # s; above this time of a round, two rounds are enough
 _KINDS = ("independent", "plate")
 
 
 @dataclass(frozen=True, kw_only=True)
 class LawCost:
-    """Which problems, for how long each."""
+    """Which problems to time, and for how long."""
 
     sizes: tuple[int, ...] = (1, 2, 4, 8, 16, 32, 64, 128, 256)
     """Numbers of contacts h."""
     problems: int = 20
-    """Random problems of each size and kind, fewer where they are large; a round solves each once."""
+    """Random problems of each size and kind, fewer where they are large; a round solves each one once."""
     seconds: float = 0.25
     """Time per row."""
     seed: int = 0
@@ -39,15 +39,15 @@ class LawCost:
 
 
 def rows(study: LawCost) -> list[tuple[str, int, str]]:
-    """Return the rows to come, (kind, contacts, law)."""
+    """Return the rows of the table to come, (kind, contacts, law)."""
     return [(kind, h, law) for kind in _KINDS for h in study.sizes for law in laws(kind, h)]
 
 
 def run(study: LawCost, progress: Callable[[], object] = lambda: None) -> pd.DataFrame:
     """Return one row per kind of contacts, h and law.
 
-    Columns: nnls_us; law_us (`Law.resolve`) and audited_us (and then `Impact.residual`, which trusts no part of the
-    solver), each with its ratio to nnls; residual, the largest over the problems.
+    Columns: nnls_us; law_us (`Law.resolve`) and audited_us (with `Impact.residual` as well, which is independent of
+    the solver), each with its ratio to nnls; residual, the largest over the problems.
     """
     table = []
     for kind, h, law in rows(study):
@@ -57,7 +57,7 @@ def run(study: LawCost, progress: Callable[[], object] = lambda: None) -> pd.Dat
 
 
 def collisions(kind: str, h: int, count: int, seed: int) -> Iterator[Collision]:
-    """Random closing contacts: "independent" (3 h / 2 degrees of freedom), or the feet of a "plate", one free body."""
+    """Yield random collisions: "independent" closing contacts (3 h / 2 degrees of freedom), or feet of a free plate."""
     rng = np.random.default_rng([seed, h, _KINDS.index(kind)])
     for _ in range(count):
         if kind == "plate":
@@ -73,7 +73,7 @@ def collisions(kind: str, h: int, count: int, seed: int) -> Iterator[Collision]:
 
 
 def laws(kind: str, h: int) -> dict[str, Law]:
-    """Return the laws to time; those of a plate must have a solution for redundant contacts."""
+    """Return the laws to time; for a plate, only the law that has a solution for redundant contacts."""
     if kind == "plate":
         return {"moreau 0.5": Moreau(0.5)}
     matrix = 0.4 * np.eye(h) + 0.4 * np.eye(h)[::-1]
@@ -104,7 +104,7 @@ def _resolve_and_audit(law: Law, collision: Collision) -> tuple[Impact, float]:
 
 
 def fresh(collision: Collision) -> Collision:
-    """Return a collision that knows M, J, v-, Y and R^T v-, and has not yet derived anything from them."""
+    """Return a copy that knows M, J, v-, Y and R^T v-, but has derived no other quantity from them yet."""
     c = collision
     known = Collision(c.mass_matrix, c.jacobian, c.pre_velocity, labels=c.labels, metric=c.metric)
     known.__dict__.update(whitened_jacobian=c.whitened_jacobian, whitened_velocity=c.whitened_velocity)
@@ -112,7 +112,7 @@ def fresh(collision: Collision) -> Collision:
 
 
 def problem(law: Law, collision: Collision) -> Problem:
-    """Return the law's problem, with the d of bare NNLS: the law's own one, or a least-squares one."""
+    """Return the law's problem; its d, for bare NNLS, is the law's own or solves ``Y d = c`` by least squares."""
     wanted, _, coefficient = law.target(collision)
     c, Y = wanted - collision.pre_contact_velocity, collision.whitened_jacobian
     common = coefficient is not None

@@ -1,6 +1,6 @@
-"""What each part that a scene's plan leaves out of event-driven steps would cost: the same steps with it put back.
+"""Run time of each part that a scene's plan leaves out of event-driven steps: the same steps with the part put back.
 
-The trial of the last contact forces, which leaves out contacts while nothing moves, is taken away instead.
+The trial of the last contact forces is a shortcut that leaves out contacts while nothing moves; it is removed instead.
 """
 
 import time
@@ -21,13 +21,13 @@ from .scenes import Scene, builders
 from .timing import in_turns
 
 LATER = ("friction", "bilateral", "surfaces")
-"""Flags of friction, equality constraints and moving surfaces, which must cost nothing where a scene has none."""
+"""Flags of friction, equality constraints and moving surfaces, which must not slow down scenes without them."""
 
 REST = "rest, taken away"
-"""The part that costs more where it is left out: the trial of the last contact forces."""
+"""Name of the part without which steps are slower: the trial of the last contact forces."""
 
 _OPTIONAL = ("detection", "convex", "faces", "passing", "turning", "inertia", *LATER)
-"""Flags of a plan that event-driven steps read."""
+"""Flags of a plan that switch parts of event-driven steps."""
 _PENDULUM = """<mujoco model="pendulum"><option timestep=".005" integrator="RK4"/><worldbody><body>
 <joint type="hinge" axis="0 1 0"/><geom type="capsule" size=".02" fromto="0 0 0 0 0 -1" contype="0" conaffinity="0"/>
 </body></worldbody></mujoco>"""
@@ -35,7 +35,7 @@ _PENDULUM = """<mujoco model="pendulum"><option timestep=".005" integrator="RK4"
 
 @dataclass(frozen=True, kw_only=True)
 class Omissions:
-    """Which scenes, how many steps from the start, for how long each."""
+    """Which scenes to step, how many steps from the start, and for how long each."""
 
     scenes: tuple[str, ...] = (
         "pendulum", "bouncing_ball", "cradle 5", "box_drop", "box at rest", "billiard_rack", "juggler",
@@ -50,8 +50,8 @@ class Omissions:
 def run(study: Omissions, progress: Callable[[], object] = lambda: None) -> pd.DataFrame:
     """Return one row per scene and part left out.
 
-    Columns: planned_us and forced_us per step (means of a run, medians over runs), saved_us, ratio of forced to
-    planned; difference, the largest of the positions at the end, which a part that is not needed does not change.
+    Columns: planned_us and forced_us per step (mean over a run, median over runs), saved_us, ratio of forced to
+    planned; difference, the largest change of a position at the end, which is 0 for a part that is not needed.
     """
     table = []
     for name in study.scenes:
@@ -87,7 +87,7 @@ def _rows(study: Omissions, scene: Scene) -> list[dict[str, object]]:
 
 
 class _Run:
-    """Steps of one scene by one plan, from the start."""
+    """A run of one scene under one plan, from the start."""
 
     def __init__(self, study: Omissions, scene: Scene, plan: Plan):
         self._scene, self._steps = scene, study.steps
@@ -96,6 +96,6 @@ class _Run:
         self._step = RigidStepping(scene.model, collider, plan, exact=True, gap_tolerance=GAP_TOLERANCE).step
 
     def prepare(self) -> list[Callable[[], object]]:
-        """Go back to the start; return the run."""
+        """Go back to the start, and return the call that takes all steps of the run."""
         self._scene.begin(self.data, self._scene.starts[0], self._step)
         return [lambda: [self._step(self.data) for _ in range(self._steps)]]

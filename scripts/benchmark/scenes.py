@@ -1,4 +1,4 @@
-"""The scenes whose steps are timed: models, starts, laws and inputs."""
+"""The scenes whose steps are timed: models, starts, laws and controls."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -16,9 +16,9 @@ from impactlaw.models.builder import cradle
 
 _NAMES = {int(value): name.removeprefix("mjINT_") for name, value in mujoco.mjtIntegrator.__members__.items()}
 HELD = 5
-"""Steps of an environment for which a control is held."""
+"""Number of steps of an environment for which a control is held."""
 
-_STEPS = 200  # of an episode of an environment
+_STEPS = 200  # steps per episode of an environment
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -26,14 +26,14 @@ class Scene:
     """One scene to step.
 
     Attributes:
-        name: of the scene.
-        model: compiled.
-        law: that rigid and soft stepping take.
-        starts: positions and velocities that an episode starts from, in turn.
-        episode: steps from one start.
-        settle: steps before an episode is timed, for scenes at rest.
-        friction: of rigid contacts, see `impactlaw.Stepper`.
-        controls: of each step of an episode, (episode, nu), None for none.
+        name: name of the scene.
+        model: compiled model.
+        law: law of rigid and of soft stepping.
+        starts: positions and velocities that the episodes start from, in turn.
+        episode: number of steps from one start.
+        settle: number of steps before an episode is timed, for scenes at rest.
+        friction: friction of rigid contacts, see `impactlaw.Stepper`.
+        controls: controls of each step of an episode, (episode, nu); None without controls.
     """
 
     name: str
@@ -53,7 +53,7 @@ class Scene:
     def begin(
         self, data: mujoco.MjData, start: tuple[np.ndarray, np.ndarray], step: Callable[[mujoco.MjData], object]
     ) -> None:
-        """Put data at a start, and let it settle."""
+        """Set the data to a start, and let the scene settle."""
         mujoco.mj_resetData(self.model, data)
         data.qpos[:], data.qvel[:] = start
         for _ in range(self.settle):
@@ -66,12 +66,12 @@ class Scene:
 
 
 def builders(sizes: tuple[int, ...], environments: tuple[str, ...], *, full: bool) -> dict[str, Callable[[], Scene]]:
-    """Return the scenes by name, each to be built when its turn comes.
+    """Return functions that build the scenes, by name.
 
     Args:
-        sizes: balls of the cradles.
-        environments: ids of gymnasium's.
-        full: with every scene of models/, and cradle and box with both integrators.
+        sizes: numbers of balls of the cradles.
+        environments: ids of gymnasium's environments.
+        full: whether to include every scene of models/, and cradle and box with Euler as well.
     """
     box = partial(_own, "box_drop", name="box at rest", resting=True)
     found: dict[str, Callable[[], Scene]] = {f"cradle {n}": partial(_cradle, n) for n in sizes}
@@ -107,7 +107,7 @@ def _cradle(n: int) -> Scene:
 
 
 def _coplanar() -> Scene:
-    """A plate on 64 small spheres, all of them touching a plane."""
+    """Return a plate on 64 small spheres that all touch a plane."""
     radius, edge = 0.0625, 0.25
     feet = "".join(
         f'<geom name="foot{i}{k}" type="sphere" size="{radius}" mass=".01" pos="{edge * i} {edge * k} 0" condim="1"/>'
@@ -136,7 +136,7 @@ def _environment(name: str, episodes: int = 5) -> Scene:
 
 
 def _within_limits(model: mujoco.MjModel, qpos: np.ndarray) -> np.ndarray:
-    """Return positions with limited hinges and slides within their ranges: the noise of a reset exceeds them."""
+    """Return positions with limited hinges and slides clipped to their ranges, which the noise of a reset exceeds."""
     inside = qpos.copy()
     joints = np.flatnonzero((model.jnt_limited > 0) & (model.jnt_type >= int(mujoco.mjtJoint.mjJNT_SLIDE)))
     where = model.jnt_qposadr[joints]

@@ -1,10 +1,9 @@
-"""What a rigid and a soft step cost against `mj_step`, on the same scene, integrator and start, in one process.
+"""Run time of rigid and soft steps against `mj_step`, on the same scene, integrator and start, in one process.
 
-Rigid stepping and `mj_step` each follow their own motion from the same start, in alternating blocks of steps, because a
-state of one is no state of the other (soft contacts rest in penetration). Steps are told apart by what happens in
-them: "collision" (the law was asked), "contact" (something touches), "flight" (nothing does); "plain" are the last two
-together. A soft step is compared with `mj_step` from a copy of its own state: without a collision the two do the same
-to the last bit.
+Rigid stepping and `mj_step` each follow their own motion from the same start, in alternating blocks of steps, because
+their states differ (soft contacts rest in penetration). Steps are sorted by phase: "collision" (the law was applied),
+"contact" (bodies touch) and "flight" (no contact); "plain" joins the last two. A soft step is compared with `mj_step`
+from a copy of its own state: without a collision both give the same result, bit for bit.
 """
 
 import time
@@ -32,26 +31,26 @@ _BLOCK = 10
 
 @dataclass(frozen=True, kw_only=True)
 class StepCost:
-    """Which scenes to step, for how long."""
+    """Which scenes to step, and for how long."""
 
     cradles: tuple[int, ...] = (5, 100, 1000)
-    """Balls of the cradles."""
+    """Numbers of balls of the cradles."""
     environments: tuple[str, ...] = ("Ant-v5", "Humanoid-v5", "Hopper-v5", "Walker2d-v5")
     """Ids of gymnasium's MuJoCo environments; rigid stepping ignores their friction."""
     full: bool = True
-    """With every scene of models/, and cradle and box with Euler too."""
+    """Include every scene of models/, and cradle and box with Euler as well."""
     seconds: float = 2.0
     """Time per scene and contact model."""
     fewest: int = 20
-    """Steps that are taken whatever they cost."""
+    """Smallest number of steps, however long they take."""
 
 
 class Costs:
-    """Microseconds of the steps of one kind, by phase, and how right the collisions were.
+    """Times of the steps of one kind by phase, in microseconds, and the accuracy of their collisions.
 
     Attributes:
-        residual: the largest `Impact.residual`.
-        penetration: the largest of rigid contacts at the end of a step, m.
+        residual: largest `Impact.residual`.
+        penetration: largest penetration of rigid contacts at the end of a step, m.
         outcome: "fine", or why the stepping stopped.
     """
 
@@ -60,22 +59,22 @@ class Costs:
         self.residual, self.penetration, self.steps, self.outcome = 0.0, 0.0, 0, FINE
 
     def book(self, phase: str, seconds: float) -> None:
-        """Note one step."""
+        """Record the time of one step."""
         self._by_phase[phase].append(MICRO * seconds)
         self.steps += 1
 
     def check(self, stepper: Stepper) -> None:
-        """Note how right the collisions of the last step were."""
+        """Record the residuals of the collisions of the last step."""
         for event in stepper.events:
             self.residual = max(self.residual, event.impact.residual)
 
     def of(self, phase: str) -> np.ndarray:
-        """Return the times of a phase, of plain steps or of all, in microseconds."""
+        """Return the times of the steps of a phase, of plain steps or of all steps, in microseconds."""
         return np.concatenate([self._by_phase[name] for name in _TOGETHER.get(phase, (phase,))])
 
 
 class Turn(NamedTuple):
-    """One of the ways to step that take turns: its state, its step, what is noted after a step and booked later."""
+    """One way to step: its state, its step function, what `note` reads after a step, and `book`, which records it."""
 
     data: mujoco.MjData
     step: Callable[[mujoco.MjData], object]
@@ -84,7 +83,7 @@ class Turn(NamedTuple):
 
 
 def names(study: StepCost) -> list[str]:
-    """Return the scenes to come."""
+    """Return the names of the scenes to step."""
     return list(builders(study.cradles, study.environments, full=study.full))
 
 
@@ -92,9 +91,9 @@ def run(study: StepCost, progress: Callable[[], object] = lambda: None) -> pd.Da
     """Return one row per scene, contact model and phase.
 
     Columns: steps (of the contact model in that phase), median_us, mean_us; mj_steps, mj_median_us, mj_mean_us of
-    `mj_step` in the same phase, or over all of its steps where it never is in that phase; ratio of the medians and
-    mean_ratio; residual and penetration, the largest of the motion, m; outcome, "fine" or why the stepping stopped.
-    The phase "plain" is all without a collision, "all" the whole motion.
+    `mj_step` in the same phase, or over all of its steps where it is never in that phase; ratio of the medians and
+    mean_ratio; the largest residual and penetration (m) of the motion; outcome, "fine" or why the stepping stopped.
+    The phase "plain" contains all steps without a collision, "all" the whole motion.
     """
     table = []
     for build in builders(study.cradles, study.environments, full=study.full).values():
@@ -107,7 +106,7 @@ def run(study: StepCost, progress: Callable[[], object] = lambda: None) -> pd.Da
 
 
 def _own_motions(study: StepCost, scene: Scene) -> tuple[Costs, Costs]:
-    """Step rigidly and by `mj_step`, each from the start on its own."""
+    """Step rigidly and by `mj_step`, each along its own motion from the same start."""
     model = scene.model
     stepper = Stepper(model, scene.law, friction=scene.friction)
     rigid, bare, seen = mujoco.MjData(model), mujoco.MjData(model), mujoco.MjData(model)
@@ -147,7 +146,7 @@ def _own_motions(study: StepCost, scene: Scene) -> tuple[Costs, Costs]:
 
 
 def _take(scene: Scene, turn: Turn, numbers: range) -> None:
-    """Take steps; book them afterwards, so that looking at contacts leaves the processor's caches to the steps."""
+    """Take steps, and book them afterwards, so that reading the contacts does not disturb the processor's caches."""
     taken = []
     for number in numbers:
         scene.drive(turn.data, number)
@@ -158,7 +157,7 @@ def _take(scene: Scene, turn: Turn, numbers: range) -> None:
 
 
 def _same_states(study: StepCost, scene: Scene) -> tuple[Costs, Costs]:
-    """Take every step of a soft motion by `mj_step` too, from a copy of the state, in alternating order."""
+    """Take every step of a soft motion by `mj_step` as well, from a copy of the state, in alternating order."""
     model = scene.model
     stepper = Stepper(model, scene.law, contact_model="soft")
     soft, copy = mujoco.MjData(model), mujoco.MjData(model)
@@ -186,7 +185,7 @@ def _same_states(study: StepCost, scene: Scene) -> tuple[Costs, Costs]:
 
 
 def timed(step: Callable[[mujoco.MjData], object], data: mujoco.MjData) -> float:
-    """Return how long a step takes, s."""
+    """Take a step, and return its time, s."""
     with no_collection():
         start = time.perf_counter()
         step(data)

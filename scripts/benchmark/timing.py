@@ -1,4 +1,4 @@
-"""Timing of several calls against each other in one process: in turns, so that what slows one slows all."""
+"""Timing of several calls against each other in one process, in turns, so that a slow machine slows them alike."""
 
 import gc
 import time
@@ -13,20 +13,20 @@ MICRO = 1e6
 
 @dataclass(frozen=True)
 class Timed:
-    """Seconds per call, one value per round.
+    """Times of several subjects, one value per round.
 
     Attributes:
-        seconds: of each subject, name -> (rounds,).
+        seconds: time per call of each subject, s, name -> (rounds,).
     """
 
     seconds: dict[str, np.ndarray]
 
     def microseconds(self, name: str) -> float:
-        """Return the median over the rounds."""
+        """Return the time per call, the median over the rounds, in microseconds."""
         return MICRO * float(np.median(self.seconds[name]))
 
     def ratio(self, name: str, to: str) -> float:
-        """Return the median, over the rounds, of the quotient of two subjects' times."""
+        """Return the ratio of the times of two subjects, the median over the rounds."""
         return float(np.median(self.seconds[name] / self.seconds[to]))
 
 
@@ -42,8 +42,8 @@ def in_turns(
     Args:
         subjects: name -> a function that prepares one round, untimed, and returns the calls of the round.
         seconds: wall-clock time to spend, preparation included.
-        fewest: rounds that are taken whatever they cost, after one that is not counted.
-        clock: what is read before and after a round; processor time is disturbed less by other processes.
+        fewest: smallest number of rounds, however long they take; one round before them is not counted.
+        clock: clock to read before and after a round; processor time is disturbed less by other processes.
     """
     names = list(subjects)
     taken: dict[str, list[float]] = {name: [] for name in names}
@@ -65,7 +65,7 @@ def in_turns(
 
 @contextmanager
 def no_collection() -> Iterator[None]:
-    """Keep Python's garbage collector out of what is timed, as timeit does."""
+    """Disable Python's garbage collector while something is timed, as timeit does."""
     enabled = gc.isenabled()
     gc.disable()
     try:

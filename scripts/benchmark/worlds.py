@@ -1,6 +1,6 @@
-"""Many worlds at a time: `Batch` next to MuJoCo's own batch, tasks next to processes, compiling and loading.
+"""Many worlds at once: `Batch` next to MuJoCo's own batch, vector environments next to processes, compilation time.
 
-Batches take the same random controls in turns. MuJoCo's is run as the model is shipped and with its Euler integrator.
+All batches get the same random controls, in turns. MuJoCo's batch runs with the model's own integrator and with Euler.
 """
 
 import copy
@@ -28,7 +28,7 @@ from impactlaw.envs import ImpactLaw
 from .environments import ENVIRONMENTS, steps_per_second
 
 OURS, SOFT, SHIPPED, EULER = "impactlaw", "impactlaw, soft", "mujoco", "mujoco, Euler"
-_TIMESTEPS = 5  # of a call
+_TIMESTEPS = 5  # per call
 _COMPILE = """
 import json, time
 start = time.process_time()
@@ -45,7 +45,7 @@ print(json.dumps(time.process_time() - start))
 
 @dataclass(frozen=True, kw_only=True)
 class Worlds:
-    """Which tasks, how many worlds and threads."""
+    """Which tasks to step, and in how many worlds and threads."""
 
     tasks: tuple[str, ...] = ENVIRONMENTS
     """Ids of gymnasium's MuJoCo environments."""
@@ -54,27 +54,27 @@ class Worlds:
     threads: tuple[int, ...] = tuple(sorted({1, 2, os.cpu_count() or 1}))
     """Numbers of threads."""
     calls: int = 20
-    """Calls of five timesteps that are timed, after as many that are not."""
+    """Number of timed calls of five timesteps each, after as many untimed ones."""
     restitution: float = 0.5
     """Coefficient of Moreau's law."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class VectorEnvironments:
-    """Worlds of Hopper next to processes."""
+    """Many worlds of Hopper in one process, next to environments in separate processes."""
 
     worlds: int = 256
-    """Worlds in this process; there are as many other processes as processors."""
+    """Number of worlds in this process; they are compared with as many processes as there are processors."""
     steps: int = 20_000
-    """Environment steps of each."""
+    """Total number of environment steps of the worlds; the processes take a tenth of it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Compiling:
-    """A fresh cache, and then the same one again."""
+    """A process that compiles into an empty cache, and processes that load from it."""
 
     loads: int = 3
-    """Processes that load."""
+    """Number of processes that load."""
 
 
 def _batches(model: mujoco.MjModel, study: Worlds, worlds: int, threads: int) -> dict[str, Any]:
@@ -89,15 +89,17 @@ def _batches(model: mujoco.MjModel, study: Worlds, worlds: int, threads: int) ->
 
 
 def _resident() -> float:
-    """Return the memory of this process, MB; NaN where nobody tells."""
+    """Return the resident memory of this process, MB; NaN where the system does not report it."""
     table = Path("/proc/self/statm")
     return int(table.read_text().split()[1]) * os.sysconf("SC_PAGESIZE") / 1e6 if table.exists() else np.nan
 
 
 def run(study: Worlds, progress: Callable[[], object] = lambda: None) -> pd.DataFrame:
-    """Return one row per task, number of worlds and of threads: timesteps a second of each, and memory of ours.
+    """Return one row per task, number of worlds and number of threads.
 
-    What is shipped with Euler is compared with that alone; soft steps are those of the model as it is shipped.
+    Columns: timesteps per second of our rigid steps; their ratio to MuJoCo's batch with the model's own integrator and
+    with Euler (the first is NaN for models whose own integrator is Euler); the ratio of soft steps, with the model's
+    own integrator; and the memory of all four batches, MB.
     """
     rows = []
     for task in study.tasks:
@@ -129,7 +131,7 @@ def _wrapped() -> gymnasium.Env:
 
 
 def run_vector(study: VectorEnvironments, progress: Callable[[], object] = lambda: None) -> pd.DataFrame:
-    """Return environment steps a second of worlds, and of the wrapper in processes."""
+    """Return environment steps per second of the worlds, and of the wrapper in separate processes."""
     ours = gymnasium.make_vec("impactlaw.envs:impactlaw/Hopper-v5", study.worlds, "vector_entry_point")
     rate, many = steps_per_second(ours, max(1, study.steps // study.worlds)), os.cpu_count() or 1
     rows = [{"environments": f"{study.worlds} worlds", "steps_per_s": rate}]
@@ -142,9 +144,9 @@ def run_vector(study: VectorEnvironments, progress: Callable[[], object] = lambd
 
 
 def run_compiling(study: Compiling, progress: Callable[[], object] = lambda: None) -> pd.DataFrame:
-    """Return processor seconds from a fresh process to the first steps, compiled and loaded.
+    """Return the processor time, s, from the start of a process to its first steps, with compiling and with loading.
 
-    Python keeps its own bytecode in between, as it does where nobody forbids it.
+    Python's own bytecode is cached as well, as it is by default.
     """
     rows, inherited = [], {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     with tempfile.TemporaryDirectory() as cache:

@@ -1,9 +1,10 @@
-"""Problems of contact with friction, captured from time stepping of 15 scenes, by our solver and by others.
+"""Solve contact problems with friction, captured from time stepping of 15 scenes, by our solver and by others.
 
-Each problem is solved from the guess that the scheme had, and from rest. A solver is judged by the largest natural map
-of a contact, relative to the largest offset of one, and by processor time. The others are nonsmooth Gauss-Seidel,
-Clarabel (convex programs, in a fixed point where friction is exact) and, for contacts of three rows, Pinocchio's ADMM,
-where these are installed. Two tables are printed, and written with all rows: by solver, and by scene for ours.
+Each problem is solved from the initial guess of the scheme, and from zero. A solver is judged by processor time and by
+the largest natural map of a contact, relative to the largest offset of a contact. The other solvers, where they are
+installed, are nonsmooth Gauss-Seidel, Clarabel (convex programs, in a fixed-point iteration where friction is exact)
+and, for contacts with three rows, Pinocchio's ADMM. Two tables are printed, by solver and, for our solver, by scene;
+they are also written to files, together with all rows.
 """
 
 from __future__ import annotations
@@ -24,42 +25,42 @@ from .catalogue import QUICK, catalogue
 from .problem import Problem
 
 if TYPE_CHECKING:
-    from .solvers import Solver  # compiles, which no question for options should wait for
+    from .solvers import Solver  # its import compiles code; `--help` should not wait for that
 
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
-    """Which problems, and for whom."""
+    """Which problems to solve, and up to which size."""
 
     problems: int = 1080
-    """Number of problems, as many from each scene."""
+    """Total number of problems, the same number from each scene."""
     only: tuple[str, ...] = ()
-    """Names of scenes, or parts of names; all without."""
+    """Names of scenes, or parts of names; all scenes if not given."""
     friction: Literal["coulomb", "convex"] = "coulomb"
     """Exact friction, or the convex relaxation."""
     seed: int = 0
     """Seed of drops, speeds and controls."""
     most_rows: int = 300
-    """Rows of a problem up to which Clarabel and Pinocchio get it."""
+    """Largest number of rows of the problems that Clarabel and Pinocchio get."""
 
     def quickly(self) -> Study:
-        """Return the same with 100 problems of 5 scenes, less than a minute."""
+        """Return a copy with 100 problems of 5 scenes, which takes less than a minute."""
         return replace(self, problems=100, only=self.only or QUICK, most_rows=100)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """What the command line asks for."""
+    """Options of the command line."""
 
     study: Annotated[Study, tyro.conf.arg(name="")] = Study()
     quick: bool = False
-    """100 problems of 5 scenes."""
+    """Solve 100 problems of 5 scenes only."""
     out: Path = Path("out/cone_solvers")
     """Folder of the files."""
 
 
 def captured(study: Study, scenes: list[Scene]) -> list[Problem]:
-    """Return the problems of all scenes."""
+    """Return problems captured from all scenes."""
     from . import capture
 
     share = -(-study.problems // max(1, len(scenes)))

@@ -1,7 +1,7 @@
-"""Contact problems with friction as time stepping poses them: its own calls, seen from outside.
+"""Capture contact problems with friction as time stepping poses them, by intercepting its own calls.
 
-A scene is stepped from drops and with random controls, with e = 0 and 0.5, under several seeds; every few steps what
-the scheme hands to its solver is copied. Problems that no impulse solves already are left out.
+A scene is stepped from drops and with random controls, with e = 0 and 0.5, under several seeds. Every few steps the
+arguments that the scheme passes to its solver are copied. Problems that zero impulses solve are left out.
 """
 
 import inspect
@@ -27,19 +27,19 @@ from .catalogue import load_with_friction
 from .problem import Problem, scaled
 
 FrictionModel = Literal["coulomb", "convex"]
-_RUNS = 24  # at most, per scene
-_SHARES = 6  # runs that the problems of a scene are taken from, at least
-_MANY = 100  # degrees of freedom from which runs are short and slow
+_RUNS = 24  # largest number of runs per scene
+_SHARES = 6  # smallest number of runs that the problems of a scene are taken from
+_MANY = 100  # number of degrees of freedom from which runs are short and start slowly
 _STEPS, _FEW_STEPS = 600, 80
 _SPEED, _SLOW = 1.0, 0.1  # standard deviation of velocities at the start, m/s or rad/s
-_FASTEST = 300.0  # m/s or rad/s: from there on a motion diverges, and says nothing about robots
+_FASTEST = 300.0  # m/s or rad/s; a faster motion has diverged and is not typical of robots
 _BETWEEN, _FEW_BETWEEN = (3, 15), (1, 5)  # steps from one problem to the next
-_TRIVIAL = 1e-8  # natural map of no impulse
+_TRIVIAL = 1e-8  # natural map of zero impulses up to which a problem is trivial
 _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 
 
 def problems_of(scene: Scene, count: int, friction: FrictionModel = "coulomb", seed: int = 0) -> list[Problem]:
-    """Return up to so many problems of a scene, the same ones each time."""
+    """Return up to `count` problems of a scene, the same ones for the same seed."""
     loaded = load_with_friction(scene)
     share, taken = -(-count // _SHARES), []
     for run in range(_RUNS):
@@ -53,11 +53,11 @@ def problems_of(scene: Scene, count: int, friction: FrictionModel = "coulomb", s
 def problems_of_run(
     scene: Scene, loaded: Loaded, count: int, friction: FrictionModel, rng: np.random.Generator, run: int
 ) -> list[Problem]:
-    """Return the problems of one run, whose number decides about restitution and controls."""
+    """Return the problems of one run; its number determines restitution and controls."""
     model = loaded.model
     data = _start(scene, loaded, rng)
     options: dict[str, Any] = {"scheme": "time-stepping", "friction": friction, "overlap": "push-out"}
-    stepper = Stepper(model, Moreau((0.0, 0.5)[run % 2]), compiled="never", **options)  # whose problems Python sees
+    stepper = Stepper(model, Moreau((0.0, 0.5)[run % 2]), compiled="never", **options)  # in Python: calls can be seen
     steps, between = (_STEPS, _BETWEEN) if model.nv < _MANY else (_FEW_STEPS, _FEW_BETWEEN)
     kind = "drop" if run // 2 % 2 or not model.nu else "random"
     controls = starts.controls(model, kind, data.ctrl.copy(), -(-steps // starts.HELD), int(rng.integers(1 << 31)))
@@ -69,7 +69,7 @@ def problems_of_run(
             seen.clear()
             try:
                 stepper.step(data)
-            except (ImpactLawError, mujoco.FatalError):  # a motion that diverges, more contacts than memory
+            except (ImpactLawError, mujoco.FatalError):  # the motion diverges, or there are more contacts than memory
                 break
             if not np.abs(data.qvel).max() < _FASTEST or not np.isfinite(stepper.shortfall):
                 break
@@ -82,11 +82,11 @@ def problems_of_run(
 
 
 def _start(scene: Scene, loaded: Loaded, rng: np.random.Generator) -> mujoco.MjData:
-    """Return the scene's start, raised and set in motion at random."""
+    """Return the scene's start, raised by a random height and with random velocities."""
     model = loaded.model
     data = starts.start(loaded, 2.0 * scene.raised * rng.uniform())
     moved = np.ones(model.nv, bool)
-    if model.nv < _MANY and (model.jnt_type == _FREE).any():  # free bodies alone
+    if model.nv < _MANY and (model.jnt_type == _FREE).any():  # only the free bodies move
         moved = model.jnt_type[model.dof_jntid] == _FREE
     data.qvel[moved] += (_SPEED if model.nv < _MANY else _SLOW) * rng.normal(size=np.count_nonzero(moved))
     return data
@@ -94,7 +94,7 @@ def _start(scene: Scene, loaded: Loaded, rng: np.random.Generator) -> mujoco.MjD
 
 @contextmanager
 def _watched(look: Callable[[dict[str, Any]], object]) -> Iterator[None]:
-    """Let somebody look at the arguments, by name, of every call of the scheme's `resolve_step`."""
+    """Pass the arguments of every call of the scheme's `resolve_step`, by name, to a function."""
     own = contact_impulses.resolve_step
     names = inspect.signature(own.py_func)
 
@@ -107,7 +107,7 @@ def _watched(look: Callable[[dict[str, Any]], object]) -> Iterator[None]:
 
 
 def problem_of(scene: str, given: dict[str, Any]) -> Problem:
-    """Return the problem of `resolve_step`, not scaled; all of it is copied."""
+    """Return the problem in the arguments of `resolve_step`, not scaled; all arrays are copies."""
     groups, amounts, rates, tree = given["groups"], given["amounts"], given["rates"], given["tree"]
     nnz, shape = given["sparse"][0], (groups[1].sum(), len(tree))
     indptr = np.concatenate([[0], np.cumsum(nnz)]).astype(np.int32)
@@ -131,7 +131,7 @@ def problem_of(scene: str, given: dict[str, Any]) -> Problem:
 
 @compiled()
 def _offsets(groups, rates, target, sliding):
-    """Return what `write_offsets` writes, (n,)."""
+    """Return the offsets that `write_offsets` writes, (n,)."""
     b = np.empty(rates.shape[1])
     write_offsets(groups, rates, target, sliding, b)
     return b
@@ -139,13 +139,13 @@ def _offsets(groups, rates, target, sliding):
 
 @compiled()
 def _recall(groups, key, scale, known_groups, known_key, known_scale, known):
-    """Return what `guess` writes, (n,)."""
+    """Return the initial impulses that `guess` writes, (n,)."""
     x = np.empty(len(scale))
     guess(groups, key, scale, known_groups, known_key, known_scale, known, x)
     return x
 
 
 def _is_worth_solving(problem: Problem) -> bool:
-    """Return whether there is friction, and an impulse is needed."""
+    """Return whether the problem has friction, and zero impulses do not solve it."""
     rubs = (problem.kind == CONE) & (problem.size > 1)
     return bool(rubs.any() and problem.scale > 0.0 and problem.natural_map(0.0 * problem.offset) > _TRIVIAL)

@@ -1,4 +1,4 @@
-"""The fifteen scenes: what the package, its dependencies and its development tools ship, two of them built here."""
+"""The fifteen scenes: from the package, its dependencies and its development tools, and two built by the scripts."""
 
 import mujoco
 
@@ -10,11 +10,11 @@ _GYMNASIUM = ("Hopper", "Walker2d", "HalfCheetah", "Ant", "Humanoid")
 _DOMAINS = ("quadruped walk", "dog stand", "humanoid_CMU stand", "manipulator bring_ball", "stacker stack_4")
 _OWN = ("box_drop", "billiard_rack")
 _BUILT = ("dominoes", "cards kicked")
-_FRICTION, _CONDIM = 0.5, 3  # of our own models, which have none
+_FRICTION, _CONDIM = 0.5, 3  # for our own models, which have no friction
 
 
 def catalogue() -> list[Scene]:
-    """Return the scenes whose packages are installed; the others are named on screen."""
+    """Return the scenes whose packages are installed, and print which ones are left out."""
     known = [Scene(f"{name}-v5", "gymnasium", f"{name}-v5") for name in _GYMNASIUM]
     known += [Scene(f"dm/{key.split()[0]}", "dm_control", key) for key in _DOMAINS]
     known += [Scene("HandManipulateBlock", "gymnasium-robotics", "HandManipulateBlock")]
@@ -24,9 +24,9 @@ def catalogue() -> list[Scene]:
 
 
 def load_with_friction(scene: Scene) -> Loaded:
-    """Compile the scene; our own models get friction."""
+    """Load the scene, and give our own models friction."""
     loaded = load(scene)
-    mujoco.set_mju_user_warning(lambda message: None)  # about motions that diverge: they would be logged, or filed
+    mujoco.set_mju_user_warning(lambda message: None)  # no warnings of motions that diverge, on screen or in a file
     if scene.name in _OWN:
         loaded.model.geom_condim[:] = _CONDIM
         loaded.model.geom_friction[:, 0] = _FRICTION

@@ -1,8 +1,8 @@
-"""Clarabel, an interior point method for convex cone programs; exact friction by a fixed point of such programs.
+"""Clarabel, an interior point method for convex cone programs; exact friction is a fixed point of such programs.
 
-The convex relaxation is ``min |z|^2 / 2 + |w|^2 / 2 + bound^T |u|`` over whitened jumps z and ``w = sqrt(c) x``, with
-``u = Y z + sqrt(c) w + b`` in the cones, and 0 in bilateral rows; the multipliers are the impulses. De Saxcé's
-correction ``s = |u_t|`` is added to b, held in every program, and taken anew from its solution.
+The convex relaxation is ``min |z|^2 / 2 + |w|^2 / 2 + bound^T |u|`` over whitened velocity jumps z and
+``w = sqrt(c) x``, with ``u = Y z + sqrt(c) w + b`` in the cones, and 0 in bilateral rows. The multipliers are the
+impulses. De Saxcé's correction ``s = |u_t|`` is added to b: each program holds it constant, its solution updates it.
 """
 
 from importlib import import_module
@@ -16,13 +16,13 @@ from impactlaw.solvers.cones import BILATERAL, BOX
 from .problem import Problem
 
 _TOLERANCE = 1e-12
-_ROUNDS = 50  # of the fixed point
-_IDLE, _LESS = 5, 0.9  # rounds in which the natural map does not fall below this part of the least, and then it stops
+_ROUNDS = 50  # largest number of rounds of the fixed-point iteration
+_IDLE, _LESS = 5, 0.9  # it stops after so many rounds in which the natural map stays above this part of its minimum
 _ENOUGH = 1e-10
 
 
 class Program:
-    """The cone program of a problem; velocities and impulses are divided by the problem's scale."""
+    """The cone program of a problem, with velocities and impulses divided by the problem's scale."""
 
     def __init__(self, problem: Problem):
         clarabel = import_module("clarabel")
@@ -52,7 +52,7 @@ class Program:
         return np.concatenate([b[~self._box], -b[self._box], b[self._box]])
 
     def solve(self, shift: np.ndarray) -> tuple[np.ndarray, int]:
-        """Return the impulses of the program with this correction, and the iterations."""
+        """Solve the program with this correction, and return the impulses and the number of iterations."""
         self._solver.update(b=self._offset(shift))
         result = self._solver.solve()
         y = np.array(result.z) * self._problem.scale
@@ -77,7 +77,7 @@ def _settings(clarabel: Any) -> Any:
 
 
 def fixed_point(problem: Problem, guess: np.ndarray) -> tuple[np.ndarray, int]:
-    """Return the best impulses of all rounds and all iterations; the convex relaxation takes one round."""
+    """Return the best impulses over all rounds, and the total number of iterations; convex friction takes one round."""
     program = Program(problem)
     if not problem.exact:
         return program.solve(np.zeros(len(problem.size)))

@@ -1,7 +1,7 @@
-"""Nonsmooth Gauss-Seidel: contact by contact, the problem of one is solved with the impulses of all others held.
+"""Nonsmooth Gauss-Seidel: the problem of each contact in turn is solved with the impulses of all others held.
 
 (M. Jean, *The non-smooth contact dynamics method*, Comput. Methods Appl. Mech. Eng. 177, 1999.) The normal impulse of a
-contact and its friction, a quadratic problem on a disc, are solved in turn until they agree. Exact friction only.
+contact and its friction, a quadratic problem on a disc, are solved alternately until they agree. Exact friction only.
 """
 
 from typing import Any, NamedTuple
@@ -13,15 +13,15 @@ from impactlaw.solvers.cones import BILATERAL, BOX, CONE
 
 from .problem import Problem
 
-_TURNS = 10  # between the normal impulse of a contact and its friction
-_SECULAR = 40  # steps to the multiplier of the disc
+_TURNS = 10  # alternations between the normal impulse of a contact and its friction
+_SECULAR = 40  # Newton steps for the multiplier of the disc
 _ROUND = 1e-14
-_EVERY = 5  # sweeps between two looks at the natural map
+_EVERY = 5  # sweeps between two evaluations of the natural map
 _kernel: Any = njit(cache=True, error_model="numpy")
 
 
 class Arrays(NamedTuple):
-    """A `Problem`, its rows in compressed form."""
+    """The arrays of a `Problem`, with its rows in CSR form."""
 
     indptr: Any
     indices: Any
@@ -46,7 +46,7 @@ def arrays(problem: Problem) -> Arrays:
 
 @_kernel
 def sweep(P, x, enough, most):
-    """Overwrite x by what at most so many sweeps make of it, until all natural maps are `enough`; return sweeps."""
+    """Improve x in place, by at most `most` sweeps, until all natural maps are at most `enough`; return the sweeps."""
     block, values, vectors = _blocks(P)
     z, u, new = np.zeros(P.nv), np.zeros(P.size.max()), np.zeros(P.size.max())
     for taken in range(most):
@@ -73,14 +73,14 @@ def sweep(P, x, enough, most):
 
 @_kernel
 def _row_add(P, i, factor, z):
-    """Add the row i to z."""
+    """Add the row i times a factor to z."""
     for a in range(P.indptr[i], P.indptr[i + 1]):
         z[P.indices[a]] += factor * P.data[a]
 
 
 @_kernel
 def _velocity(P, g, x, z, u):
-    """Write the velocity of a group, given ``z = Y^T x``."""
+    """Write the velocity of the group g into u, given ``z = Y^T x``."""
     for k in range(P.size[g]):
         i = P.first[g] + k
         u[k] = P.compliance[i] * x[i] + P.offset[i]
@@ -90,7 +90,7 @@ def _velocity(P, g, x, z, u):
 
 @_kernel
 def _blocks(P):
-    """Return the Delassus matrix of each group, and eigenvalues and eigenvectors of its part of friction."""
+    """Return the Delassus matrix of each group, and the eigenvalues and eigenvectors of its tangential block."""
     groups, most = len(P.first), P.size.max()
     block, values = np.zeros((groups, most, most)), np.zeros((groups, most))
     vectors, work = np.zeros((groups, most, most)), np.zeros(P.nv)
@@ -111,7 +111,7 @@ def _blocks(P):
 
 @_kernel
 def _contact(block, values, vectors, m, q, x):
-    """Solve one contact, ``u = G x + q``, from its last impulse x."""
+    """Solve one contact, ``u = G x + q``, in place, from its last impulse x."""
     pull, size = np.zeros(m), 0.0
     for _ in range(_TURNS):
         before, along = x[0], q[0]
@@ -128,7 +128,7 @@ def _contact(block, values, vectors, m, q, x):
 
 @_kernel
 def _on_disc(values, vectors, m, pull, radius, x):
-    """Write x[1:m], the least of ``x^T G x / 2 + pull^T x`` with ``|x| <= radius``."""
+    """Write into x[1:m] the minimizer of ``x^T G x / 2 + pull^T x`` with ``|x| <= radius``."""
     turned, s = np.zeros(m), 0.0
     x[1:m] = 0.0
     if radius == 0.0:

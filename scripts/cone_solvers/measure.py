@@ -1,4 +1,4 @@
-"""Every problem by every solver, from the guess and from rest."""
+"""Solve every problem by every solver, from the guess and from zero impulses."""
 
 import statistics
 import time
@@ -11,12 +11,12 @@ from .solvers import Call, Solver
 
 STARTS = ("guess", "rest")
 Row = dict[str, object]
-_LONG = 0.02  # s: a call of this length is timed once
-_BLOCKS, _BLOCK = 3, 5e-4  # medians of blocks of calls, s each
+_LONG = 0.02  # s; a longer call is timed once
+_BLOCKS, _BLOCK = 3, 5e-4  # number of blocks of calls whose median counts, and the duration of each, s
 
 
 def warm_up(solvers: list[Solver], problems: list[Problem]) -> None:
-    """Let every solver solve the first problem it takes: what is loaded or compiled once is not counted."""
+    """Let every solver solve the first problem it takes, so that loading and compiling are not timed."""
     for solver in solvers:
         for problem in problems:
             if solver.takes(problem):
@@ -25,10 +25,10 @@ def warm_up(solvers: list[Solver], problems: list[Problem]) -> None:
 
 
 def rows_of(number: int, problem: Problem, solvers: list[Solver], most_rows: int) -> Iterator[Row]:
-    """Yield a row per solver and start.
+    """Yield one row per solver and start.
 
-    Columns: problem, its number; scene, rows, singular; solver, start; missed, the natural map; us, processor time;
-    iterations; slides, whether a contact that carries an impulse slides.
+    Columns: problem, its number; scene, rows, singular; solver, start; missed, the natural map; us, processor time in
+    microseconds; iterations; slides, whether a contact that carries an impulse slides.
     """
     about = {"problem": number, "scene": problem.scene, "rows": len(problem.offset), "singular": problem.is_singular()}
     for solver in solvers:
@@ -44,7 +44,7 @@ def rows_of(number: int, problem: Problem, solvers: list[Solver], most_rows: int
 
 
 def _timed(call: Call) -> tuple[tuple[np.ndarray, int], float]:
-    """Return the answer of a call and its processor time, s: the median of blocks of calls where it is short."""
+    """Return the answer of a call and its processor time, s; for a short call, the median over blocks of calls."""
     answer, spent = _block(call, 1)
     if spent > _LONG:
         return answer, spent

@@ -1,7 +1,8 @@
-"""Pinocchio's alternating directions, proximal and with a spectral penalty; contacts of three rows only.
+"""Pinocchio's proximal ADMM with a spectral penalty, for contacts with three rows only.
 
 (J. Carpentier, Q. Le Lidec, L. Montaut, *From compliant to rigid contact simulation*, Robotics: Science and Systems,
-2024.) Pinocchio orders the rows of a contact tangents first; its coefficients of friction are 1, ours are in the rows.
+2024.) Pinocchio puts the tangential rows of a contact first. It gets coefficients of friction of 1, because the rows of
+our problems are already scaled by them.
 """
 
 from functools import cache
@@ -19,12 +20,12 @@ _ITERATIONS = 1000
 
 
 def takes(problem: Problem) -> bool:
-    """Return whether all groups are contacts of three rows."""
+    """Return whether all groups are contacts with three rows."""
     return bool((problem.kind == CONE).all() and (problem.size == 3).all())
 
 
 def admm(problem: Problem, guess: np.ndarray) -> tuple[np.ndarray, int]:
-    """Return impulses and iterations."""
+    """Return the impulses and the number of iterations."""
     pin: Any = import_module("pinocchio")
     contacts = len(problem.size)
     order = np.arange(3 * contacts).reshape(contacts, 3)[:, [1, 2, 0]].reshape(-1)
@@ -45,7 +46,7 @@ def admm(problem: Problem, guess: np.ndarray) -> tuple[np.ndarray, int]:
 
 @cache
 def _constraints(contacts: int) -> tuple[Any, Any]:
-    """Return so many contact points with friction, and their data."""
+    """Return models of `contacts` contact points with friction, and their data."""
     pin: Any = import_module("pinocchio")
     model = pin.Model()
     model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "body")

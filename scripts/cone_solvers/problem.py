@@ -1,7 +1,7 @@
-"""One contact problem with friction as a time step poses it, and how far an impulse is from solving it.
+"""A contact problem with friction as a time step poses it, and the measure of how far impulses are from solving it.
 
 `scaled` divides the rows of Y and the offsets by the length of their group's longest row, so that velocities u and
-impulses x are in sqrt(J), and solvers can be compared whatever the units of a scene are.
+impulses x are in sqrt(J), and solvers can be compared independently of the units of a scene.
 """
 
 from dataclasses import dataclass, replace
@@ -14,9 +14,9 @@ from scipy import sparse
 from impactlaw.solvers.cones import BOX, CONE
 
 _NOTHING = 1e-10
-"""Rows shorter than this part of the longest do not move anything; such groups are left out."""
-_CARRIES, _SLIDES = 1e-9, 1e-6  # parts of the scale from which a contact carries an impulse, and slides
-_SINGULAR = 1e-10  # of the largest eigenvalue
+"""Groups whose rows are shorter than this part of the longest row cannot move a body; they are left out."""
+_CARRIES, _SLIDES = 1e-9, 1e-6  # parts of the scale above which a contact carries an impulse, and slides
+_SINGULAR = 1e-10  # part of the largest eigenvalue up to which the smallest counts as zero
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,17 +27,17 @@ class Problem:
     relaxation. Boxes: ``|x| <= bound``, and u opposes x where it is at the bound. Bilateral rows: ``u = 0``.
 
     Attributes:
-        scene: where it comes from.
+        scene: name of the scene that it comes from.
         rows: Y, (n, nv).
         tree: kinematic tree of each degree of freedom, int32 (nv,).
-        size: rows of each group, int32 (g,).
+        size: number of rows of each group, int32 (g,).
         kind: `BILATERAL`, `BOX` or `CONE`, int32 (g,).
-        bound: of boxes, (g,).
+        bound: bounds of the boxes, (g,).
         compliance: c, (n,).
         offset: b, (n,).
-        guess: what the scheme starts from, (n,).
-        exact: exact Coulomb friction, or its convex relaxation.
-        rounds: what the scheme allows the compiled solver where Newton's method fails.
+        guess: impulses that the scheme starts from, (n,).
+        exact: whether Coulomb friction is exact, or else its convex relaxation.
+        rounds: rounds that the scheme allows the compiled solver where Newton's method fails.
     """
 
     scene: str
@@ -68,7 +68,7 @@ class Problem:
         return float(np.linalg.norm(self.padded(self.offset), axis=1).max(initial=0.0))
 
     def padded(self, x: np.ndarray) -> np.ndarray:
-        """Return the entries group by group, filled up with zeros, (g, largest size)."""
+        """Return the entries by group, padded with zeros, (g, largest size)."""
         out = np.zeros((len(self.size), int(self.size.max(initial=1))))
         out[self._place] = x
         return out
@@ -88,7 +88,7 @@ class Problem:
     def natural_map(self, x: np.ndarray) -> float:
         """Return the largest ``|x - P(x - u - |u_t| e_n)|`` of a group, relative to the scale; infinite for NaN.
 
-        P is the projection on the set of the group; it is 0 if and only if x solves the problem.
+        P is the projection onto the admissible set of the group. The result is 0 if and only if x solves the problem.
         """
         u = self.padded(self.velocity(x))
         impulse = self.padded(x)
@@ -108,7 +108,7 @@ class Problem:
         return bool((carries & (self.slips(x) > _SLIDES * self.scale)).any())
 
     def is_singular(self) -> bool:
-        """Return whether the Delassus matrix is, so that impulses need not be unique."""
+        """Return whether the Delassus matrix is singular, so that impulses need not be unique."""
         moved = len(np.unique(self.rows.indices))
         if len(self.offset) - np.count_nonzero(self.compliance) > moved:
             return True
@@ -126,7 +126,7 @@ def _nearest_in_cone(y: np.ndarray) -> np.ndarray:
 
 
 def scaled(problem: Problem) -> Problem:
-    """Return the problem, which is not scaled yet, with its groups scaled, those that cannot move left out."""
+    """Return the problem with its groups scaled, and without groups that cannot move."""
     rows, size = problem.rows, problem.size
     longest = np.sqrt(np.maximum.reduceat(np.asarray(rows.multiply(rows).sum(axis=1)).reshape(-1), problem.first))
     soft = np.sqrt(np.maximum.reduceat(problem.compliance, problem.first))

@@ -1,4 +1,4 @@
-"""The study's tables: by solver, and by scene for ours; as text on the screen, as files in full."""
+"""Tables of the study, by solver and, for our solver, by scene: as text on the screen, and in full as files."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -9,7 +9,7 @@ import pandas as pd
 from .solvers import COMPILED
 
 SOLVED, SHARP = 1e-8, 1e-10
-"""Natural maps up to which a problem counts as solved: for a simulation, and as our solver aims at."""
+"""Natural maps up to which a problem counts as solved: well enough for a simulation, and as our solver aims at."""
 _PERCENT, _TINY = {"<= 1e-8 %", "<= 1e-10 %"}, {"worst", "worst from rest"}
 
 
@@ -28,8 +28,8 @@ def _percent(values: pd.Series) -> float:
 def by_solver(table: pd.DataFrame) -> pd.DataFrame:
     """Return one row per solver and start.
 
-    Columns: n, problems that it gets; the shares of them with a natural map up to 1e-8 and 1e-10; processor time, us;
-    iterations; and the median time, us, that our own solver takes for the same problems from the same start.
+    Columns: n, number of problems that it gets; the percentages with a natural map up to 1e-8 and 1e-10; processor
+    time, us; iterations; and the median time, us, of our own solver for the same problems from the same start.
     """
     own = table.loc[table.solver == COMPILED].set_index(["problem", "start"]).us
     told = table.assign(ours=own.reindex(pd.MultiIndex.from_arrays([table.problem, table.start])).to_numpy())
@@ -43,10 +43,10 @@ def by_solver(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def by_scene(table: pd.DataFrame) -> pd.DataFrame:
-    """Return one row per scene about our solver: from the guess, and where it says so from rest.
+    """Return one row per scene about our solver, started from the guess, or from rest where a column says so.
 
-    Columns: n; rows of the problems; shares of problems with a singular Delassus matrix, and with sliding; processor
-    time, us; unsolved, problems with a natural map above 1e-10; worst, the largest one.
+    Columns: n; rows of the problems; percentages of problems with a singular Delassus matrix, and with sliding;
+    processor time, us; unsolved, number of problems with a natural map above 1e-10; worst, the largest natural map.
     """
     own = table.loc[table.solver == COMPILED]
     rest = own.loc[own.start == "rest"].set_index("problem").missed

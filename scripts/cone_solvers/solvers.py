@@ -1,4 +1,4 @@
-"""The solvers that are compared, ours first, in one form: from a problem and a guess to impulses and iterations."""
+"""The solvers to compare, ours first, with one interface: from a problem and a guess to impulses and iterations."""
 
 from collections.abc import Callable
 from importlib.util import find_spec
@@ -17,18 +17,18 @@ _SWEEPS = 1000
 _ENOUGH = 1e-10
 
 Call = Callable[[], tuple[np.ndarray, int]]
-"""What is timed; it returns impulses and iterations."""
+"""The call that is timed; it returns impulses and the number of iterations."""
 
 
 class Solver(NamedTuple):
     """One solver.
 
     Attributes:
-        name: in tables.
-        package: import name of what it needs.
-        takes: whether it can solve a problem.
-        any_size: whether it gets large problems too.
-        bind: a problem and a guess to the call that solves it.
+        name: name in tables.
+        package: import name of the package that it needs.
+        takes: returns whether it can solve a problem.
+        any_size: whether it gets large problems as well.
+        bind: returns the call that solves a problem from a guess.
     """
 
     name: str
@@ -39,7 +39,7 @@ class Solver(NamedTuple):
 
 
 def solvers() -> list[Solver]:
-    """Return the solvers that are installed; the others are named on screen."""
+    """Return the solvers whose packages are installed, and print which ones are left out."""
     found = []
     for solver in _ALL:
         if find_spec(solver.package) is None:
@@ -50,7 +50,7 @@ def solvers() -> list[Solver]:
 
 
 def compiled(problem: Problem, guess: np.ndarray) -> Call:
-    """Return the call of our own solver, as time stepping makes it."""
+    """Return the call of our own solver, with the arguments that time stepping gives it."""
     rows = problem.rows
     arguments = (
         np.diff(rows.indptr), rows.indptr[:-1].copy(), rows.indices, rows.data, rows.shape[1], problem.tree,

@@ -1,8 +1,8 @@
-"""One scripted controller per environment, tuned to one impact law, and its score under others.
+"""Score one scripted controller per environment, tuned to one impact law, under this law and under others.
 
 Each controller knows the mechanics of its task and one law, and acts on observations only. Its score is the mean return
-of an episode; an environment counts as solved from the ``reward_threshold`` of its registration on. The same episodes
-(seeds) are played under every law, so that the law alone makes the difference.
+of an episode; an environment counts as solved if the score reaches the ``reward_threshold`` of its registration. The
+same episodes (seeds) are played under every law, so that only the law differs.
 """
 
 from collections.abc import Callable
@@ -25,7 +25,7 @@ LAWS: dict[str, tuple[tuple[str, float | None], ...]] = {
     "Billiards-v0": (("moreau", 0.95), ("moreau", 0.8), ("moreau", 0.5), _INELASTIC, ("reversal", 0.95)),
     "RockingBlock-v0": (("moreau", 0.0), ("moreau", 0.5), ("moreau", 1.0), ("reversal", 0.8), ("reversal", 1.0)),
 }
-"""Laws that a controller is played under; it is tuned to the first one."""
+"""Laws under which each controller is played; it is tuned to the first one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,14 +37,14 @@ class Study:
     seed: int = 0
     """Seed of the first episode; the others count up."""
     environments: tuple[str, ...] = tuple(LAWS)
-    """Which environments."""
+    """Environments to play."""
 
 
 def run(study: Study, progress: Callable[[], object] = lambda: None) -> pd.DataFrame:
     """Play all episodes and return one row per environment and law.
 
-    Columns: environment, law, restitution, tuned (whether the controller was), score (mean return), lowest, highest,
-    threshold, solved.
+    Columns: environment, law, restitution, tuned (whether the controller is tuned to this law), score (mean return),
+    lowest, highest, threshold, solved.
     """
     rows = []
     for name in study.environments:
@@ -66,11 +66,11 @@ def play(name: str, law: str, restitution: float | None, seed: int, controller: 
     """Play one episode and return the sum of its rewards.
 
     Args:
-        name: of the environment, without namespace.
-        law: that the environment is under.
-        restitution: of that law.
-        seed: of the episode.
-        controller: the one tuned to the environment's first law if not given.
+        name: name of the environment, without its namespace.
+        law: impact law of the environment.
+        restitution: coefficient of the law.
+        seed: seed of the episode.
+        controller: controller to play; by default the one tuned to the environment's first law.
     """
     act: Controller = CONTROLLERS[name]() if controller is None else controller
     env = gymnasium.make(f"impactlaw/{name}", law=law, restitution=restitution)
@@ -85,7 +85,7 @@ def play(name: str, law: str, restitution: float | None, seed: int, controller: 
 
 
 def main(study: Study, csv: Path | None = None) -> None:
-    """Print the scores of the controllers under several laws, a row for each.
+    """Print the scores of the controllers under several laws, one row per environment and law.
 
     Args:
         study: what to play.

@@ -1,7 +1,7 @@
-"""One ball, e = 0.5, dropped from 1 m, stepped in three ways: how high does it bounce, and what does a step cost?
+"""A ball with e = 0.5 is dropped from 1 m and stepped in three ways: how high does it bounce, how long takes a step?
 
 One sees that event location is exact at any timestep. Time stepping and the law on top of MuJoCo's soft contact are off
-by what a ball moves within a step: ten times less, and more, at a tenth of the timestep.
+by the distance that the ball moves within a step: at least ten times less at a tenth of the timestep.
 """
 
 import time

@@ -1,6 +1,6 @@
-"""Draw S, the set of possible outcomes of a collision, for three balls in touch of which the first is launched.
+"""Draw S, the set of possible outcomes of a collision, for three touching balls; the first one is launched.
 
-One sees a sector, of 60 degrees in the kinetic metric: its corners are maximal dissipation, Moreau's law with e = 1 and
+One sees a sector, of 60 degrees in the kinetic metric. Its corners are maximal dissipation, Moreau's law with e = 1 and
 the reversal law.
 Writes out/possible_outcomes.png.
 """

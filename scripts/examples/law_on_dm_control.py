@@ -1,6 +1,6 @@
-"""An impact law on a task of dm_control: the ball in the cup, swung by the same motion under three coefficients e.
+"""An impact law on a task of dm_control: the ball in the cup, with the same controls under three coefficients e.
 
-One sees how often and how hard the ball hits the cup, and that the law alone makes three motions of one control.
+One sees how often and how hard the ball hits the cup, and that the law alone leads to three different motions.
 """
 
 import numpy as np

@@ -1,7 +1,7 @@
-"""An impact law on gymnasium's Hopper: it is dropped from 0.3 m with limp joints, under four coefficients e.
+"""An impact law on gymnasium's Hopper, which is dropped from 0.3 m with limp joints under four coefficients e.
 
-One sees that the task is as it was, apart from what happens when the foot lands: the larger e is, the higher it
-bounces. MuJoCo's own contact has no such number.
+One sees that the task changes only when the foot lands: the larger e is, the higher the robot bounces. MuJoCo's own
+contacts have no such coefficient.
 """
 
 import gymnasium
@@ -11,7 +11,7 @@ from impactlaw.envs import ImpactLaw
 
 
 def drop(env: gymnasium.Env) -> tuple[float, int]:
-    """Return how high the torso rises after the foot has landed, m, and the collisions of the first second."""
+    """Return how high the torso rises after landing, m, and the number of collisions in the first second."""
     env.reset(seed=0)
     base = env.unwrapped
     start = base.init_qpos.copy()  # pyright: ignore[reportAttributeAccessIssue]

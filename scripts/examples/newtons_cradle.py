@@ -1,4 +1,4 @@
-"""Newton's cradle: five balls in touch, the first one comes in at 1 m/s. Who leaves, and how fast?
+"""Newton's cradle: the first of five balls hits the others at 1 m/s. Which balls leave, and how fast?
 
 One sees that only the reversal law hands the speed to the last ball. Moreau's law with e = 1 keeps the energy too, but
 throws the first ball back. MuJoCo's own contacts spread the speed over all balls.

@@ -1,7 +1,7 @@
-"""A new impact law in one file: one that keeps a chosen share of the kinetic energy, if contact lets it.
+"""A new impact law in one file: it keeps a chosen share of the kinetic energy, where the contacts allow it.
 
-One sees that a law is a frozen dataclass with one method, and that certificate, audit and steppers come with it. The
-law is Moreau's, with e chosen from ``T+ = T_p + e^2 (T- - T_p)``, T_p the energy of maximal dissipation.
+One sees that a law is a frozen dataclass with one method; certificate, audit and steppers work without more code. The
+law is Moreau's, with e from ``T+ = T_p + e^2 (T- - T_p)``, where T_p is the energy after maximal dissipation.
 """
 
 from dataclasses import dataclass
@@ -15,12 +15,12 @@ from impactlaw.models import load
 
 @dataclass(frozen=True)
 class KeepEnergy(Law):
-    """Keep this share of the energy."""
+    """Moreau's law with the coefficient that keeps a share of the kinetic energy."""
 
     share: float
 
     def target(self, collision: Collision) -> Target:
-        """Return ``-e gamma-`` with the e that leaves the share."""
+        """Return ``-e gamma-`` with the e that keeps the share."""
         lost = -MaximalDissipation().resolve(collision).energy_change
         square = 1.0 - (1.0 - self.share) * collision.kinetic_energy / lost if lost > 0.0 else 0.0
         e = float(np.sqrt(np.clip(square, 0.0, 1.0)))

@@ -1,7 +1,7 @@
-"""One coefficient of restitution per pair of geoms, carried by the MJCF itself.
+"""One coefficient of restitution per pair of geoms, stored in the MJCF itself.
 
-One sees three balls fall on one floor from 1 m and rise to e^2 of it, each with the coefficient of its own pair: the
-scene's default, one for its pair, and one that depends on nothing but the name in the file.
+One sees three balls that fall 1 m onto one floor and rise to e^2 of that, each with the coefficient of its own pair
+with the floor: wood has the default of the scene, rubber and clay have coefficients of their own.
 """
 
 import mujoco

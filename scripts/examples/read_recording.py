@@ -1,7 +1,7 @@
-"""Record a run and read it into pandas: which pairs collide, how often, and what each collision takes.
+"""Record a run and read it into pandas: which pairs collide, how often, and how much energy each collision takes.
 
-One sees the break of a rack of billiard balls as a table, with a row for every collision; `rerun breaks.rrd` shows the
-same file as an animation. Writes breaks.rrd.
+One sees the break of a rack of billiard balls as a table with one row per collision. `rerun breaks.rrd` shows the same
+file as an animation. Writes breaks.rrd.
 """
 
 from impactlaw import Stepper

@@ -1,6 +1,7 @@
-"""Train PPO of stable-baselines3 on HalfCheetah in 64 worlds at once, each episode under a restitution of its own.
+"""Train stable-baselines3's PPO on HalfCheetah in 64 worlds at once, with a random restitution in each episode.
 
-One sees the mean reward of a step grow in a minute, and how many steps a second that takes. Needs `impactlaw[train]`.
+One sees the mean reward of a step grow within a minute, and how many steps per second the training takes. Needs
+`impactlaw[train]`.
 """
 
 import time
