@@ -1,1 +1,1 @@
-"""Two results of identification: which law measured drops of an ellipse obey, and which one chains of springs."""
+"""Two results of identification: the laws that measured drops of an ellipse and chains of elastic balls obey."""

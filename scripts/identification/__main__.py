@@ -1,4 +1,4 @@
-"""Measure, and write the tables into the page of `impactlaw.identification`: ``python -m scripts.identification``."""
+"""Run the studies of identification, and write their tables into the README of `impactlaw.identification`."""
 
 import argparse
 from pathlib import Path
@@ -14,7 +14,7 @@ PICTURE = ROOT / ".pictures" / "hertz_chain.png"
 
 
 def put(page: str, name: str, table: str) -> str:
-    """Return the page with the text between the marks of that name replaced."""
+    """Return the page with the text between the marks of this name replaced by the table."""
     begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->"
     head, found, rest = page.partition(begin)
     if not found:
@@ -23,7 +23,7 @@ def put(page: str, name: str, table: str) -> str:
 
 
 def main() -> None:
-    """Measure what is asked for."""
+    """Run the studies named on the command line."""
     parser = argparse.ArgumentParser(prog="python -m scripts.identification", description=__doc__)
     parser.add_argument("what", nargs="*", default=["drops", "chains"], help="drops, chains, energy")
     parser.add_argument("--every", type=int, default=1, help="take one of so many drops")

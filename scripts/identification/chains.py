@@ -16,14 +16,14 @@ RATIOS = (1e-4, 1e-2, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0, 1e4)
 
 
 def chain(masses: np.ndarray, velocity: np.ndarray) -> Collision:
-    """Return touching balls on a line; gap i is that between balls i and i + 1."""
+    """Return a collision of touching balls on a line; gap i lies between balls i and i + 1."""
     n = len(masses)
     labels = tuple(f"{i + 1}/{i + 2}" for i in range(n - 1))
     return Collision(np.diag(masses), np.diff(np.eye(n), axis=0), velocity, labels=labels)
 
 
 def closing(masses: np.ndarray, n: int, seed: int, law: Law) -> Collisions:
-    """Return collisions at closing speeds of exponential distribution, and what the law makes of them."""
+    """Return n collisions with exponentially distributed closing speeds, and their outcomes under the law."""
     rng = np.random.default_rng(seed)
     gamma = -rng.exponential(size=(n, len(masses) - 1))
     collisions = [chain(masses, np.concatenate([[0.0], np.cumsum(g)])) for g in gamma]
@@ -35,11 +35,11 @@ class Chain:
     """One chain of balls.
 
     Attributes:
-        balls: how many.
-        equal: whether their masses are.
-        launched: v+ with the first ball launched.
-        E: the full matrix found.
-        errors: rms on collisions not seen, by law.
+        balls: number of balls.
+        equal: whether their masses are equal.
+        launched: v+ after the first ball is launched with velocity 1.
+        E: the full matrix that was fitted.
+        errors: rms error on held-out collisions, by law.
     """
 
     balls: int
@@ -50,7 +50,7 @@ class Chain:
 
 
 def study_chain(masses: np.ndarray, law: Law, *, n: int = 300) -> Chain:
-    """Fit E to half of the collisions, and look at the other half with it, and with laws without parameters to fit."""
+    """Fit E and Newton's coefficients to n collisions, and test them, reversal and Moreau's law on n others."""
     seen, unseen = closing(masses, n, 1, law), closing(masses, n, 2, law)
     measured = Measurements(*unseen)
 
@@ -73,13 +73,13 @@ def study_chains(*, n: int = 300) -> list[Chain]:
 
 
 def outcomes(laws: Sequence[Law]) -> np.ndarray:
-    """Return ``gamma+`` of three equal balls, the first launched, under laws, (k, 2)."""
+    """Return ``gamma+`` of three equal balls, the first one launched, under each law, (k, 2)."""
     c = chain(np.ones(3), np.array([1.0, 0.0, 0.0]))
     return np.array([law.resolve(c).post_contact_velocity for law in laws])
 
 
 def paths() -> dict[str, np.ndarray]:
-    """Return ``gamma+`` over the exponent and over the ratio of stiffness, (k, 2)."""
+    """Return ``gamma+`` as a function of the exponent and of the stiffness ratio, (k, 2) each."""
     return {
         "exponent": outcomes([Compliant(1.0, exponent=p) for p in EXPONENTS]),
         "stiffness ratio": outcomes([Compliant([1.0, ratio]) for ratio in RATIOS]),
@@ -87,7 +87,7 @@ def paths() -> dict[str, np.ndarray]:
 
 
 def chains_table(found: list[Chain]) -> str:
-    """Return the result as Markdown."""
+    """Return the results as a Markdown table."""
     lines = [
         "| balls | v+, first launched | full E | reversal | Moreau | Newton | certificate |",
         "|---|---|---|---|---|---|---|",
@@ -101,7 +101,7 @@ def chains_table(found: list[Chain]) -> str:
 
 
 def paths_table() -> str:
-    """Return how exponent and ratio move the outcome of three balls, as Markdown."""
+    """Return the outcome of three balls over exponent and stiffness ratio, as a Markdown table."""
     found = paths()
     lines = ["| changed | value | gamma+ |", "|---|---|---|"]
     for name, values in (("exponent", EXPONENTS), ("stiffness ratio", RATIOS)):

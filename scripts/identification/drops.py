@@ -1,4 +1,4 @@
-"""Measured drops of an ellipse: the sign error of the file, and held-out errors of families of laws."""
+"""Measured drops of an ellipse: the sign error in the file, and held-out errors of families of laws."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,11 +14,11 @@ FAMILIES = ("newton", "coulomb", "routh")
 
 
 def read_drops(*, corrected: bool = True, every: int = 1) -> Collisions:
-    """Return the drops, with the sign of the file or with the corrected one.
+    """Return the drops, with the sign of the file or with the corrected sign.
 
     Args:
-        corrected: whether the tangential gradient is (1, 0, -height).
-        every: take one of so many.
+        corrected: whether the tangential gradient is (1, 0, -height), or (1, 0, height) as in the file.
+        every: take every n-th drop.
     """
     table = np.loadtxt(FILE, delimiter=",", skiprows=1)[::every]
     inertia = MASS * (SEMI_AXES[0] ** 2 + SEMI_AXES[1] ** 2) / 5.0
@@ -33,14 +33,14 @@ def read_drops(*, corrected: bool = True, every: int = 1) -> Collisions:
 
 @dataclass(frozen=True, eq=False)
 class Drops:
-    """What was found.
+    """Results for the drops.
 
     Attributes:
-        count: of drops.
+        count: number of drops.
         filed: audit of the file as it is.
         corrected: audit with the other sign.
-        fits: laws of all drops.
-        held_out: errors on drops not seen.
+        fits: law fitted to all drops, by family.
+        held_out: cross-validation errors on drops held out, by family.
     """
 
     count: int
@@ -60,7 +60,7 @@ def measure(*, every: int = 1, folds: int = 5, families: tuple[str, ...] = FAMIL
 
 
 def drops_table(found: Drops) -> str:
-    """Return the result as Markdown."""
+    """Return the results as Markdown."""
     sign = next(cause for cause in found.filed.likely_causes if cause.name.startswith("sign"))
     lines = [
         f"{found.count} drops. As filed, the median kinetic violation is {np.median(found.filed.kinetic):.3f} of |v-|, "

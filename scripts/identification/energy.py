@@ -8,7 +8,7 @@ from impactlaw import Collision, Coulomb, Friction, Impact, ImpactLawError, Pois
 
 
 def random_collision(rng: np.random.Generator, contacts: int, directions: int) -> Collision:
-    """Return independent contacts of a random system, of which the first closes, with friction of up to 2."""
+    """Return a collision of independent contacts of a random system; the first one closes, coefficients are up to 2."""
     k = contacts * directions
     nv = contacts + k + int(rng.integers(0, 3))
     A = rng.normal(size=(nv, nv))
@@ -33,7 +33,7 @@ CASES: dict[str, tuple[int, int, Callable[[Collision, np.ndarray], Impact]]] = {
 
 
 def energy_table(count: int) -> str:
-    """Return the largest gain of energy of each law over so many random collisions, as Markdown."""
+    """Return the largest energy gain of each law over `count` random collisions, as a Markdown table."""
     lines = ["| law | collisions | refused | largest (T+ - T-) / T- |", "|---|---|---|---|"]
     for name, (contacts, directions, resolve) in CASES.items():
         worst, refused = -np.inf, 0

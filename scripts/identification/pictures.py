@@ -1,4 +1,4 @@
-"""The picture of chains: outcomes of three balls in S, over exponent and ratio of stiffness."""
+"""The picture of chains: outcomes of three balls in S, over exponent and stiffness ratio."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from scripts.identification.chains import outcomes
 
 
 def draw_paths(path: Path) -> None:
-    """Draw ``gamma+`` of three equal balls, the first launched, where S is a sector of 60 degrees."""
+    """Draw ``gamma+`` of three equal balls, the first one launched; S is a sector of 60 degrees."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(5.6, 4.6), layout="constrained")

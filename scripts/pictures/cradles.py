@@ -12,25 +12,25 @@ import tyro
 from impactlaw import Fremond, Law, Moreau, Stepper
 from impactlaw.models import load
 
-_RAIL, _RADIUS, _SPACING = 1.25, 0.125, 0.25  # m, of the scene
-_LIFTED = 0.7  # rad, the first ball at the start
+_RAIL, _RADIUS, _SPACING = 1.25, 0.125, 0.25  # m, as in the scene
+_LIFTED = 0.7  # rad, angle of the first ball at the start
 _COLORS = ("#c0392b", "#aeb6bf", "#aeb6bf", "#aeb6bf", "#aeb6bf")
 
 
 @dataclass(frozen=True)
 class Cradles:
-    """Animate the cradle under the reversal law, under Moreau's and under MuJoCo's own contacts."""
+    """Animate the cradle under the reversal law, under Moreau's law and under MuJoCo's own contacts."""
 
     out: Path = Path("out/cradles.gif")
-    """The file."""
+    """File of the animation."""
     seconds: float = 4.0
     """Duration of the motion: about two periods of the pendulums."""
     frames_per_second: int = 15
-    """Pictures per second of the animation, which runs at the speed of the scene."""
+    """Frames per second of the animation, which runs in real time."""
 
 
 def swings(law: Law | None, times: np.ndarray) -> np.ndarray:
-    """Return the angles of the five balls at some times, rad, (n, 5); without a law contacts are MuJoCo's."""
+    """Return the angles of the five balls at these times, rad, (n, 5); without a law, contacts are MuJoCo's."""
     model, data = load("newtons_cradle")
     data.qpos[0], data.qvel[0] = -_LIFTED, 0.0
     step = partial(mujoco.mj_step, model) if law is None else Stepper(model, law).step

@@ -1,8 +1,8 @@
 """Random collisions with friction and joint limits: is any energy created, and is every answer certified?
 
-Rigid bodies touch each other and the ground, stand flat on four corners, or are between contacts that oppose each
-other; unit rows of the Jacobian are limits, without friction. Laws, restitution along normals and tangents, both cones,
-coefficients of friction from 0.01 to 2 and masses up to 1e6 apart are drawn at random too.
+Rigid bodies touch each other and the ground, stand flat on four corners, or are held between opposing contacts. Unit
+rows of the Jacobian are limits, without friction. Laws, normal and tangential restitution, both friction cones,
+coefficients of friction from 0.01 to 2 and mass ratios up to 1e6 are also drawn at random.
 """
 
 import sys
@@ -22,30 +22,30 @@ from impactlaw.laws import Moreau, Newton
 from scripts import machine
 
 TOLERANCE = 1e-9
-"""Violation of energy, and of the cones, relative to |v-|, that the study allows; and the residual of an answer."""
+"""Largest allowed residual, and largest allowed violations of energy and of the friction cones relative to |v-|."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RandomCollisions:
-    """How many collisions, and how large."""
+    """How many collisions to draw, and how large."""
 
     count: int = 100_000
-    """Collisions."""
+    """Number of collisions."""
     contacts: int = 8
-    """Most contacts of a collision, limits not counted."""
+    """Largest number of contacts of a collision, without limits."""
     seed: int = 0
-    """Collision k is drawn from (seed, k)."""
+    """Collision k is drawn with the seed (seed, k)."""
     processes: int = 1
-    """Processes to share them."""
+    """Number of processes."""
     quick: bool = False
-    """300 collisions only."""
+    """Draw 300 collisions only."""
 
 
 def run(study: RandomCollisions, progress: Callable[[int], object] = lambda n: None) -> pd.DataFrame:
     """Return one row per collision.
 
-    Columns: k, contacts, rows (of the cone problem), law, cone, restitution_scale, residual, energetic and kinetic
-    (violations relative to |v-|), seconds, and error, the refusal where there is one.
+    Columns: k, contacts (limits included), rows (of the cone problem), law, cone, restitution_scale, residual,
+    energetic and kinetic (violations relative to |v-|), seconds, and error, the message of a refusal.
     """
     parallel = joblib.Parallel(study.processes, return_as="generator")
     rows = []
@@ -76,7 +76,7 @@ def row_of(study: RandomCollisions, k: int) -> dict[str, object]:
 
 
 def random_law(rng: np.random.Generator, collision: Collision) -> Coulomb:
-    """Return Coulomb friction beside a random law."""
+    """Return Coulomb friction with a random law for the normals."""
     e, h = rng.uniform(), len(collision.labels)
     kinds: tuple[Callable[[], Law], ...] = (
         MaximalDissipation,
@@ -115,7 +115,7 @@ def random_collision(rng: np.random.Generator, most: int) -> Collision:
 
 
 def _contact(rng: np.random.Generator, size: np.ndarray, flat: bool, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rows of a contact, normal, two tangential, torsional, two rolling, and its 0 to 5 coefficients."""
+    """Return the rows of a contact (normal, two tangential, torsional, two rolling) and its 0 to 5 coefficients."""
     i, j = int(rng.integers(len(size))), int(rng.integers(-1, len(size)))
     normal = np.array([0.0, 0.0, 1.0]) if flat else rng.normal(size=3)
     normal /= np.linalg.norm(normal)
@@ -138,7 +138,7 @@ def _contact(rng: np.random.Generator, size: np.ndarray, flat: bool, k: int) -> 
 
 
 def _velocity(rng: np.random.Generator, J: np.ndarray) -> np.ndarray:
-    """Return a velocity at which all contacts close, where there is one, as in a collision; and some at random."""
+    """Return, mostly, a velocity at which all contacts close if there is one; otherwise a random velocity."""
     v = rng.normal(size=J.shape[1])
     if rng.random() < 0.7:
         lengths = np.linalg.norm(J, axis=1)
@@ -147,7 +147,7 @@ def _velocity(rng: np.random.Generator, J: np.ndarray) -> np.ndarray:
 
 
 def format_table(table: pd.DataFrame) -> str:
-    """Return the worst numbers of each law and cone, and how many were refused or scaled."""
+    """Return the worst errors of each law and cone, and the numbers of refused and of scaled collisions."""
     told = table.assign(refused=table.error != "", scaled=table.restitution_scale < 1, ms=1e3 * table.seconds)
     worst = dict.fromkeys(("residual", "energetic", "kinetic"), "max")
     groups = told.groupby(["law", "cone"]).agg(
@@ -157,13 +157,13 @@ def format_table(table: pd.DataFrame) -> str:
 
 
 def failed(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows that break what the study asserts."""
+    """Return the rows of collisions that are refused or exceed the tolerance."""
     beyond = table[["residual", "energetic", "kinetic"]].max(axis=1) > TOLERANCE
     return table.loc[beyond | (table.error != "")]
 
 
 def main(study: RandomCollisions, out: Path = Path("out/random_collisions")) -> None:
-    """Run the study, print the worst of each law and cone, and write every row as CSV.
+    """Run the study, print the worst errors of each law and cone, and write every row as CSV.
 
     Args:
         study: what to run.

@@ -1,8 +1,8 @@
 """How often Newton's and Poisson's laws leave S, gain energy and have distant effects, in random collisions.
 
-A collision has 2 to 4 degrees of freedom and 2 to 4 contacts, whose gradients, mass matrix and velocity are drawn from
-normal distributions, and one coefficient per contact, uniform in [0, 1]. "Some close, others open" keeps those with
-both kinds of contacts; "all close" turns every gradient so that its contact closes.
+A collision has 2 to 4 degrees of freedom and 2 to 4 contacts. Gradients, mass matrix and velocity are drawn from normal
+distributions, and one coefficient of restitution per contact uniformly from [0, 1]. "Some close, others open" keeps the
+collisions with both kinds of contacts; "all close" flips gradients so that every contact closes.
 """
 
 from contextlib import suppress
@@ -13,11 +13,11 @@ import tyro
 
 from impactlaw import Collision, ImpactLawError, Newton, Poisson
 
-_ROUNDING = 1e-9  # part of |v-| that counts as a violation
+_ROUNDING = 1e-9  # part of |v-| above which an error counts as a violation
 
 
 def random_collision(rng: np.random.Generator, *, closing: bool) -> Collision:
-    """Return a collision of which all contacts close, or some close and others open."""
+    """Return a random collision in which all contacts close, or some close and others open."""
     while True:
         nv, h = rng.integers(2, 5, 2)
         root, J, v = rng.normal(size=(nv, nv)), rng.normal(size=(h, nv)), rng.normal(size=nv)
@@ -30,9 +30,10 @@ def random_collision(rng: np.random.Generator, *, closing: bool) -> Collision:
 
 
 def shares(count: int, seed: int, *, closing: bool) -> pd.DataFrame:
-    """Return one row per law: the shares of collisions that it refuses, and of the others; and the largest gain.
+    """Return one row per law.
 
-    Columns: refused, penetrates, gains (energy), distant (effects), largest_gain, the energetic violation over |v-|.
+    Columns: refused, the share of collisions that the law refuses; of the others, the shares that end with penetration,
+    with a gain of energy and with distant effects; largest_gain, the largest energetic violation over |v-|.
     """
     rows = []
     for k in range(count):
@@ -56,8 +57,8 @@ def main(count: int = 20_000, seed: int = 0) -> None:
     """Draw collisions, resolve them by both laws, and print the shares.
 
     Args:
-        count: how many of each kind.
-        seed: of the first one.
+        count: number of collisions of each kind.
+        seed: seed of the collisions; collision k is drawn with (seed, k).
     """
     for kind, closing in (("some close, others open", False), ("all close", True)):
         table = shares(count, seed, closing=closing)

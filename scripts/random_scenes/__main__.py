@@ -1,8 +1,9 @@
-"""Random scenes of 2 to 30 bodies, and piles in a bin: do they end, how long can a step take, does energy come in?
+"""Random scenes of 2 to 30 bodies, and piles in a bin: are there exceptions or long steps, is energy created?
 
-Nothing feeds energy. What a scene gains over any stretch, relative to the largest difference of its energies, is from
-nowhere; it counts under RK4, as the other integrators gain some by themselves where bodies spin fast. What RK4 gains in
-a step from the same state without contact is left out.
+No actuator or force feeds energy into these scenes. The largest gain of energy over any interval, relative to the range
+of the energy, is therefore an error. It is judged under RK4 only, because the other integrators gain energy by
+themselves where bodies spin fast. The energy that RK4 gains in a step from the same state without contact is
+subtracted.
 """
 
 import sys
@@ -25,30 +26,30 @@ from impactlaw.stepping.time_stepping.make import warm_up
 from . import making
 
 LONGEST = 0.2
-"""Processor time of a step that is too much, s."""
+"""Longest allowed processor time of a step, s."""
 GAIN = 0.02
-"""Part of the largest difference of energies that may come in."""
+"""Largest allowed gain of energy, as a part of the range of the energy."""
 _NO_CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
 
 
 @dataclass(frozen=True, kw_only=True)
 class RandomScenes:
-    """What is run."""
+    """Which scenes to run, and how."""
 
     scenes: int = 300
-    """Random scenes."""
+    """Number of random scenes."""
     piles: int = 40
-    """Piles in a bin."""
+    """Number of piles in a bin."""
     seconds: float = 1.0
     """Simulated time of each scene and pile."""
     first: int = 0
-    """Seed of the first."""
+    """Seed of the first scene and of the first pile."""
     scheme: Literal["event-driven", "time-stepping"] = "event-driven"
-    """How it is stepped."""
+    """Scheme of the stepper."""
 
 
 def energy(model: mujoco.MjModel, scratch: mujoco.MjData, data: mujoco.MjData) -> float:
-    """Return the energy of a state, J."""
+    """Return the energy of the state in `data`, J."""
     scratch.qpos[:], scratch.qvel[:] = data.qpos, data.qvel
     mujoco.mj_kinematics(model, scratch)
     mujoco.mj_comPos(model, scratch)
@@ -71,7 +72,7 @@ def flown(model: mujoco.MjModel, scratch: mujoco.MjData, data: mujoco.MjData) ->
 
 
 def run(made: making.Made, options: RandomScenes) -> dict[str, object]:
-    """Step a scene to its end, and return what it showed."""
+    """Step a scene to its end, and return its row of the table."""
     model, data, law = made
     stepper, scratch = Stepper(model, law, scheme=options.scheme, overlap="push-out"), mujoco.MjData(model)
     row: dict[str, object] = {"bodies": model.nbody - 1, "nv": model.nv, "law": repr(law), "outcome": "fine"}
@@ -96,7 +97,7 @@ def run(made: making.Made, options: RandomScenes) -> dict[str, object]:
 
 
 def rows(options: RandomScenes) -> Iterator[dict[str, object]]:
-    """Return one row for each scene."""
+    """Yield one row per scene."""
     makers: tuple[tuple[str, Callable[[int], making.Made], int], ...] = (
         ("scene", making.scene, options.scenes),
         ("pile", making.pile, options.piles),
@@ -107,7 +108,7 @@ def rows(options: RandomScenes) -> Iterator[dict[str, object]]:
 
 
 def main() -> int:
-    """Run them all and print what went wrong, and the largest."""
+    """Run all scenes, and print the failures and the largest step time and gain; return 1 if there are failures."""
     options = tyro.cli(RandomScenes, description=__doc__)
     warnings.simplefilter("ignore", ManyCollisionsWarning)
     warm_up()

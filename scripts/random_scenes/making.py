@@ -1,4 +1,4 @@
-"""Scenes made of random numbers: trees of joints that fall on a floor, and things that fall into a bin."""
+"""Random scenes: trees of jointed bodies that fall on a floor, and bodies that fall into a bin."""
 
 from typing import NamedTuple
 
@@ -13,12 +13,12 @@ _SHAPES = tuple(
 _HINGE, _SLIDE, _BALL = (int(getattr(mujoco.mjtJoint, f"mjJNT_{name}")) for name in ("HINGE", "SLIDE", "BALL"))
 _INTEGRATORS = tuple(int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("EULER", "RK4", "IMPLICITFAST"))
 _RK4 = _INTEGRATORS[1]
-_APART = 0.7  # m between roots
-_DEPTH = 3  # bodies of a tree below each other
+_APART = 0.7  # m, distance between roots
+_DEPTH = 3  # largest depth of a tree
 
 
 class Made(NamedTuple):
-    """A scene, its start, and the law that it is to be stepped under."""
+    """A scene, its start, and the law to step it under."""
 
     model: mujoco.MjModel
     data: mujoco.MjData
@@ -26,7 +26,7 @@ class Made(NamedTuple):
 
 
 def scene(seed: int, least: int = 2, most: int = 30) -> Made:
-    """Return a scene of ``least`` to ``most`` bodies: trees of all joints, half of them with limits, in free fall."""
+    """Return a scene of ``least`` to ``most`` bodies: trees with all kinds of joints, half of them limited, falling."""
     rng = np.random.default_rng(seed)
     spec = _world(rng)
     left, places = int(rng.integers(least, most + 1)), iter(rng.permutation(27))
@@ -39,7 +39,7 @@ def scene(seed: int, least: int = 2, most: int = 30) -> Made:
 
 
 def pile(seed: int, least: int = 8, most: int = 20) -> Made:
-    """Return a bin of four walls into which things fall."""
+    """Return a bin of four walls into which ``least`` to ``most`` bodies fall."""
     rng = np.random.default_rng(seed)
     spec = _world(rng)
     for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1)):
@@ -55,7 +55,7 @@ def pile(seed: int, least: int = 8, most: int = 20) -> Made:
 
 def _world(rng: np.random.Generator) -> mujoco.MjSpec:
     spec = mujoco.MjSpec()
-    spec.option.timestep = float(rng.choice([0.001, 0.002]))  # what whips about spins faster than 4 ms resolve
+    spec.option.timestep = float(rng.choice([0.001, 0.002]))  # some parts spin too fast for 4 ms
     spec.option.integrator = int(rng.choice(_INTEGRATORS))
     floor = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1])
     floor.friction[0], floor.condim = rng.uniform(0.0, 1.0), int(rng.choice([1, 3]))
@@ -63,7 +63,7 @@ def _world(rng: np.random.Generator) -> mujoco.MjSpec:
 
 
 def _compiled(spec: mujoco.MjSpec, rng: np.random.Generator) -> Made:
-    """Compile the scene; bodies that overlap at the start never meet, as modelers of robots have it."""
+    """Compile the scene; bodies that overlap at the start never collide, as is usual in models of robots."""
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -78,7 +78,7 @@ def _compiled(spec: mujoco.MjSpec, rng: np.random.Generator) -> Made:
 
 
 def _tree(spec: mujoco.MjSpec, rng: np.random.Generator, where: np.ndarray, size: int) -> None:
-    """Add a tree of so many bodies; its root floats, or slides or turns about something fixed."""
+    """Add a tree of `size` bodies; its root floats freely or is joined to the world."""
     name = f"tree{len(spec.bodies)}"
     root = spec.worldbody.add_body(name=name, pos=where, quat=_turn(rng))
     if rng.random() < 0.7:
@@ -99,10 +99,10 @@ def _tree(spec: mujoco.MjSpec, rng: np.random.Generator, where: np.ndarray, size
 def _joint(spec: mujoco.MjSpec, body: mujoco.MjsBody, rng: np.random.Generator) -> None:
     kind = int(rng.choice([_HINGE, _HINGE, _SLIDE, _BALL]))
     joint = body.add_joint(type=kind, axis=_unit(rng))
-    if rng.random() < 0.5:  # RK4 itself is unstable where that stops a joint within a timestep
+    if rng.random() < 0.5:  # RK4 is unstable if damping stops a joint within a timestep
         joint.damping[:] = rng.uniform(0.0, 1e-4 if spec.option.integrator == _RK4 else 0.1)
     if kind != _BALL and rng.random() < 0.5:
-        width = 0.1 if kind == _SLIDE else 60.0  # of hinges in degrees
+        width = 0.1 if kind == _SLIDE else 60.0  # m, or degrees for hinges
         joint.range[:], joint.limited = (-width * rng.uniform(0.2, 1), width * rng.uniform(0.2, 1)), 1
 
 

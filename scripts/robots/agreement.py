@@ -1,7 +1,7 @@
 """Do steps in compiled code and in Python agree, from the same state, on the scenes of this study?
 
-``python -m scripts.robots.agreement``: each scene is stepped under random controls; every step is taken once more by
-the scheme in Python, from what compiled code has begun with. Differences are relative to the size of each field.
+``python -m scripts.robots.agreement``: each scene is stepped under random controls in compiled code. Every step is
+repeated by the scheme in Python, from the same state and memory. Differences are relative to the size of each field.
 """
 
 import time
@@ -26,20 +26,20 @@ from . import scenes
 from .starts import HELD, controls, start
 
 CLOSE = 1e-10
-"""Difference that is rounding."""
+"""Largest difference that counts as rounding."""
 
 DERIVED = ("qpos", "qvel", "qacc", "sensordata", "qfrc_constraint", "act", "xpos", "cvel", "qacc_warmstart")
 
 
 def compiled_stepper(model: mujoco.MjModel, law: Law, **options: object) -> Stepper:
-    """Return a stepper whose steps are compiled."""
+    """Return a time stepping stepper whose steps are compiled."""
     stepper = Stepper(model, law, scheme="time-stepping", compiled="auto", **options)  # pyright: ignore[reportArgumentType]
     assert isinstance(stepper.stepping, CompiledStepping)
     return stepper
 
 
 def begin_alike(ours: Stepper, python: Stepper, one: mujoco.MjData, other: mujoco.MjData) -> None:
-    """Let the scheme in Python begin where compiled code does: from its state, and from what it remembers."""
+    """Give the scheme in Python the state and the memory that the next compiled step starts from."""
     model, compiled, scheme = ours.model, ours.stepping, python.stepping
     assert isinstance(compiled, CompiledStepping)
     assert isinstance(scheme, TimeStepping)
@@ -57,12 +57,12 @@ _LIMIT = int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT)
 
 
 def _forces(data: mujoco.MjData) -> np.ndarray:
-    """Return the forces of all rows but limits of joints: compiled code leaves out those that are far away."""
+    """Return the forces of all rows except joint limits, because compiled code leaves out limits that are far away."""
     return data.efc_force[data.efc_type != _LIMIT]
 
 
 def difference(one: mujoco.MjData, other: mujoco.MjData, *, forces: bool = True) -> float:
-    """Return by how much the two differ, relative to the size of each field; forces of rows can be left out."""
+    """Return the largest difference of a field, relative to its size; forces of constraint rows can be left out."""
     assert one.time == other.time
     pairs = [(getattr(one, name), getattr(other, name)) for name in DERIVED]
     if forces:
@@ -72,20 +72,20 @@ def difference(one: mujoco.MjData, other: mujoco.MjData, *, forces: bool = True)
 
 @dataclass(frozen=True, kw_only=True)
 class Agreement:
-    """Which scenes, and how long."""
+    """Which scenes to compare, and for how long."""
 
     only: tuple[str, ...] = ()
-    """Names of scenes, or parts of names; all without."""
+    """Names of scenes, or parts of names; all scenes if not given."""
     states: int = 1000
-    """States of each scene and law."""
+    """Number of states per scene and law."""
     restitution: tuple[float, ...] = (0.5,)
     """Coefficients of Moreau's law."""
     longest: float = 60.0
-    """Wall time of a scene, s; what is left out is told."""
+    """Largest wall time of a scene, s; its row says if it ran out of time."""
 
 
 def compare(scene: scenes.Scene, e: float, study: Agreement) -> dict[str, Any]:
-    """Return a row: states compared, those that differ, the largest difference, and why it stopped."""
+    """Return a row: number of states compared, number of states that differ, largest difference, and why it stopped."""
     row: dict[str, Any] = {"scene": scene.name, "e": e, "states": 0, "differ": 0, "largest": 0.0, "outcome": "fine"}
     try:
         loaded = scenes.load(scene)
@@ -110,14 +110,14 @@ def compare(scene: scenes.Scene, e: float, study: Agreement) -> dict[str, Any]:
 
 
 def rows(study: Agreement) -> Iterator[dict[str, Any]]:
-    """Return one row per scene and coefficient."""
+    """Yield one row per scene and coefficient."""
     for scene in scenes.chosen(scenes.catalogue(), study.only):
         for e in study.restitution:
             yield compare(scene, e, study)
 
 
 def main() -> None:
-    """Compare, and print."""
+    """Compare the scenes of the command line, and print the table."""
     warnings.simplefilter("ignore")
     study = tyro.cli(Agreement, description=__doc__)
     found = list(tqdm(rows(study), disable=None))

@@ -8,12 +8,12 @@ import numpy as np
 _DOMINOES = 80
 _DOMINO = np.array([0.004, 0.012, 0.024])  # half sizes, m
 _SPACING = 0.022
-_PUSH = 4.0  # rad/s about the lower edge of the first one
+_PUSH = 4.0  # rad/s, of the first domino about its lower edge
 
 _STORIES = 7
 _CARD = np.array([0.044, 0.0315, 0.001])  # half length, half width, half thickness, m
 _LEAN = np.deg2rad(18.0)
-_SLIT = 1e-3  # between cards that lie end to end, m
+_SLIT = 1e-3  # m, gap between cards that lie end to end
 _KICK = 1.0  # m/s
 
 
@@ -32,7 +32,7 @@ def cards(stories: int = _STORIES) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """Return a house of cards: pairs that lean on each other, and cards that lie across their tops."""
     spec = _ground(friction=0.8)
     length, _, thick = _CARD
-    apart = length * np.sin(_LEAN) + thick * np.cos(_LEAN)  # of a leaning card's centre from the line where both meet
+    apart = length * np.sin(_LEAN) + thick * np.cos(_LEAN)  # from a leaning card's centre to the line where both meet
     half = length * np.cos(_LEAN) + thick * np.sin(_LEAN)
     pitch = 2.0 * length + _SLIT
     floor = 0.0
@@ -50,7 +50,7 @@ def cards(stories: int = _STORIES) -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 
 def kicked_cards(stories: int = _STORIES) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """Return the same house with its first card on the way out."""
+    """Return the house of cards with its first card kicked outwards."""
     model, data = cards(stories)
     data.qvel[0] = -_KICK
     return model, data

@@ -1,4 +1,4 @@
-"""One case: a scene stepped in one way under one law from one start, beside MuJoCo on the same controls."""
+"""One case: a scene stepped in one way under one law from one start, beside MuJoCo with the same controls."""
 
 import copy
 import gc
@@ -25,16 +25,16 @@ NOT_LOADED = "not loaded"
 
 @dataclass(frozen=True)
 class Case:
-    """What is stepped, how, and for how long.
+    """A scene, how it is stepped, and for how long.
 
     Attributes:
-        scene: which one.
-        way: to step it.
+        scene: the scene.
+        way: the way to step it.
         restitution: e of Moreau's law.
         start: "drop" or "random" controls.
-        steps: to take.
-        seconds: of wall time after which no new step is begun.
-        seed: of random controls.
+        steps: number of steps to take.
+        seconds: wall time after which no new step is started, s.
+        seed: seed of random controls.
     """
 
     scene: Scene
@@ -46,7 +46,7 @@ class Case:
     seed: int = 0
 
     def row(self) -> Row:
-        """Return the columns that say which case it is."""
+        """Return the columns that identify the case."""
         e = np.nan if self.way == "mujoco" else self.restitution
         return {"scene": self.scene.name, "source": self.scene.source, "way": self.way, "e": e, "start": self.start}
 
@@ -68,7 +68,7 @@ def run(case: Case) -> Row:
     except Exception as error:
         return case.row() | {"nv": model.nv, "steps": 0, "outcome": described(error)}
     gc.collect()
-    gc.freeze()  # what was loaded is not looked at again while steps are timed
+    gc.freeze()  # the collector skips loaded objects while steps are timed
     outcome = _step(case, model, data, ours, tally)
     gc.unfreeze()
     row = case.row() | {"nv": model.nv, "dt": model.opt.timestep} | tally.row(bare=ours is not None)
@@ -77,7 +77,7 @@ def run(case: Case) -> Row:
 
 
 def _step(case: Case, model: mujoco.MjModel, data: mujoco.MjData, ours: Stepper | None, tally: Tally) -> str:
-    """Take all steps, a block of MuJoCo's before a block of ours, so that both caches stay warm; return the outcome."""
+    """Take all steps, alternating blocks of MuJoCo and of ours, so that caches stay warm; return the outcome."""
     bare, since = copy.copy(data), time.perf_counter()
     step = ways.step_of(model, ours)
     controls = starts.controls(model, case.start, data.ctrl.copy(), -(-case.steps // starts.HELD), case.seed)
@@ -96,7 +96,7 @@ def _step(case: Case, model: mujoco.MjModel, data: mujoco.MjData, ours: Stepper 
                 spent = _timed(step, data)
             except Exception as error:
                 return described(error)
-            # other schemes than time stepping refuse what they miss
+            # only time stepping accepts an inexact step; the other schemes refuse it
             missed = ours.shortfall if ours is not None and case.way == "time-stepping" else np.nan
             tally.add(number, spent, data, before, missed)
             if not np.isfinite(data.qpos).all():
@@ -113,6 +113,6 @@ def _timed(call: Callable[..., object], *arguments: object) -> float:
 
 
 def described(error: Exception) -> str:
-    """Return type and first line of an exception."""
+    """Return the type and the first line of an exception."""
     lines = str(error).strip().splitlines()
     return f"{type(error).__name__}: {lines[0] if lines else ''}"

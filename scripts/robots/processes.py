@@ -1,4 +1,4 @@
-"""Each case in a process of its own: a crash or a hang costs one row."""
+"""Run each case in a process of its own, so that a crash or a hang costs one row only."""
 
 import os
 
@@ -9,18 +9,18 @@ from scripts.apart import CrashesError, HangsError, Worker
 from .case import Case, Row, described, run
 
 LOADING = 200.0
-"""Wall time that a case may take beyond its own, s: for loading a scene, and for the step that is under way."""
+"""Wall time that a case may take in addition to its own, s: for loading the scene, and for the last step."""
 _ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
 def prepare() -> None:
-    """Let all processes started from now on use one BLAS thread each, and no graphics."""
+    """Let all processes that are started from now on use one BLAS thread each, and no graphics."""
     os.environ.update(_ENVIRONMENT)
     os.environ.setdefault("MUJOCO_GL", "disable")
 
 
 def apart(case: Case) -> Row:
-    """Run a case in a new process and return its row, of which little is known where it crashes or hangs."""
+    """Run a case in a new process and return its row, which has few columns if the case crashes or hangs."""
     with Worker(_silence) as worker:
         try:
             return worker.call(_measured, case, budget=case.seconds + LOADING)
@@ -29,8 +29,8 @@ def apart(case: Case) -> Row:
 
 
 def _silence() -> None:
-    """Print nothing: the table is the parent's."""
-    mujoco.set_mju_user_warning(lambda message: None)  # counted in data.warning; MuJoCo would write a file
+    """Silence the output of this process; only the parent prints."""
+    mujoco.set_mju_user_warning(lambda message: None)  # counted in data.warning; no file of warnings
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream in (1, 2):
         os.dup2(nowhere, stream)
@@ -39,5 +39,5 @@ def _silence() -> None:
 def _measured(case: Case) -> Row:
     try:
         return run(case)
-    except Exception as error:  # not of a step: the study's own, or MuJoCo's about the state that a step has left
+    except Exception as error:  # outside of a step: in the study, or in MuJoCo after a step
         return case.row() | {"outcome": f"not measurable: {described(error)}"}

@@ -1,4 +1,4 @@
-"""The study's tables: as text on the screen, as files in full."""
+"""Tables of the study: as text on the screen, and in full as files."""
 
 from pathlib import Path
 from typing import Any
@@ -17,11 +17,11 @@ _WORST: dict[str, Any] = {
     "short": "max",
     "unlocated": lambda found: found.sum(min_count=1),
 }
-_WIDEST = 100  # characters of an outcome on the screen
+_WIDEST = 100  # largest number of characters of an outcome on the screen
 
 
 def by_scene(table: pd.DataFrame) -> pd.DataFrame:
-    """Return one row per scene and way with the worst over laws and starts; fine: cases that took all steps."""
+    """Return one row per scene and way with the worst values over laws and starts; fine counts complete cases."""
     told = _told(table)
     told["scene"] = pd.Categorical(told.scene, list(dict.fromkeys(told.scene)))
     groups: Any = told.groupby(["scene", "way"], observed=True)
@@ -31,7 +31,7 @@ def by_scene(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def summary(table: pd.DataFrame) -> pd.DataFrame:
-    """Return one row per way: how many cases are fine, and medians and extremes of cost and depth."""
+    """Return one row per way: the numbers of cases and of fine ones, and median and largest step times and depths."""
     groups: Any = _told(table).groupby("way", observed=True)
     columns: dict[str, Any] = {"cases": ("way", "size"), "fine": ("outcome", lambda found: (found == FINE).sum())}
     for name in ("ratio", "largest_ms", "depth"):
@@ -40,7 +40,7 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _told(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the cases, with all columns of these tables, ways in their order."""
+    """Return the cases with all columns of these tables, and the ways as an ordered category."""
     told = cases(table).reindex(columns=["scene", "way", "outcome", *_WORST])
     told["way"] = pd.Categorical(told.way, list(WAYS))
     return told

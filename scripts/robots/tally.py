@@ -1,4 +1,4 @@
-"""The numbers of one case: what each step took, and what the state after it showed."""
+"""The numbers of one case: the time of each step, and measures of the state after it."""
 
 import mujoco
 import numpy as np
@@ -6,19 +6,19 @@ import numpy as np
 from .watch import Watch
 
 SETTLED = 100
-"""Steps after which depths count: what overlaps at the start has been opened by then."""
+"""Number of steps after which depths count; overlap of the start has been removed by then."""
 SHORT = 1e-6
-"""Shortfall relative to the speed, below which a step met its law."""
-_SLOWEST = 1e-2  # m/s, of what a shortfall is relative to
+"""Shortfall relative to the speed below which a step meets its law."""
+_SLOWEST = 1e-2  # m/s, smallest speed that a shortfall is divided by
 _TINY = 1e-12  # J
 _MICRO, _MILLI = 1e6, 1e3
 
 
 class Tally:
-    """Collects steps, looks at their states when nothing is timed, and sums up.
+    """Collects steps, evaluates their states between timed blocks, and sums up.
 
     Attributes:
-        bare: processor time of MuJoCo's steps, s.
+        bare: processor time of each of MuJoCo's steps, s.
     """
 
     def __init__(self, steps: int, watch: Watch, data: mujoco.MjData):
@@ -32,14 +32,14 @@ class Tally:
         self._deepest, self._pair, self._count = 0.0, "", 0
 
     def add(self, number: int, spent: float, data: mujoco.MjData, before: np.ndarray, shortfall: float) -> None:
-        """Note one step; its state is looked at later."""
+        """Record one step; its state is evaluated later, by `look`."""
         self._spent[number] = spent
         self._short[number] = shortfall / max(_SLOWEST, float(np.abs(before).max(initial=0.0)))
         self._states.append((number, data.qpos.copy(), data.qvel.copy()))
         self._count = number + 1
 
     def look(self, data: mujoco.MjData) -> None:
-        """Look at the states noted since the last look."""
+        """Evaluate the states recorded since the last call."""
         for number, qpos, qvel in self._states:
             seen = self._watch.look(data, qpos, qvel)
             self._depth[number], self._limit[number] = seen.depth, seen.limit
@@ -54,7 +54,7 @@ class Tally:
         """Return the columns of times, depths, energy and shortfall.
 
         Args:
-            bare: whether MuJoCo ran beside, and is what the cost is compared with.
+            bare: whether MuJoCo ran beside, so that times can be compared.
         """
         n = self._count
         row: dict[str, object] = {"steps": n, "start_depth": self._seen.depth, "start_limit": self._seen.limit}

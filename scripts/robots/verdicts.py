@@ -1,4 +1,4 @@
-"""What the study asks of time stepping, goal by goal: met or not, and the worst scenes by name."""
+"""The goals of time stepping: whether each is met, and the names of the worst scenes."""
 
 from typing import Any, NamedTuple
 
@@ -8,19 +8,19 @@ import pandas as pd
 from .case import CUT, FINE, NO_CONTROLS, NOT_LOADED
 
 MANY = 300
-"""Degrees of freedom from which a scene is one where hundreds of bodies collide."""
+"""Number of degrees of freedom from which a scene counts as one where hundreds of bodies collide."""
 _WORST = 6
 
 
 class Goal(NamedTuple):
-    """One goal: a number of each case, and what it may be at most.
+    """One goal: a value of each case, and its upper limit.
 
     Attributes:
-        name: what is asked.
-        value: the number, as an expression in columns of the table; nan where the goal does not concern a case.
-        limit: the largest that is met.
-        unit: behind the numbers.
-        where: the cases that it is for, as an expression; all by default.
+        name: what the goal demands.
+        value: the value, as an expression in columns of the table; NaN where the goal does not apply to a case.
+        limit: largest value that meets the goal.
+        unit: unit to print after the values.
+        where: the cases that the goal is for, as an expression; all by default.
     """
 
     name: str
@@ -51,7 +51,7 @@ _NUMBERS = ("nv", "mean_us", "mj_us", "ratio", "over_mean", "largest_ms", "depth
 
 
 def cases(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows that are cases: scenes that loaded, and whose controls can be random where they are to be."""
+    """Return the rows of cases that ran, without scenes that did not load or have no controls to draw at random."""
     kept = (table["outcome"] != NO_CONTROLS) & ~table["outcome"].str.startswith(NOT_LOADED)
     return table.loc[np.asarray(kept, bool)]
 
@@ -59,8 +59,8 @@ def cases(table: pd.DataFrame) -> pd.DataFrame:
 def verdicts(table: pd.DataFrame, way: str = "time-stepping") -> pd.DataFrame:
     """Return one row per goal.
 
-    Columns: goal; met, "yes", "no", or "-" where nothing was measured; cases and missed, their numbers; worst, the
-    scenes that miss it, worst first, with numbers.
+    Columns: goal; met, "yes", "no", or "-" without a measurement; cases and missed, the numbers of cases and of those
+    that miss the goal; worst, the scenes that miss it with their values, worst first.
     """
     known: Any = cases(table)
     known = known.reindex(columns=[*dict.fromkeys([*known.columns, *_NUMBERS])])
@@ -79,6 +79,6 @@ def _verdict(goal: Goal, rows: Any) -> dict[str, object]:
 
 
 def failures(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the cases that did not take all their steps, and were not merely out of time."""
+    """Return the cases that stopped for another reason than lack of time."""
     known: Any = cases(table)
     return known[~known.outcome.isin([FINE, CUT])].reindex(columns=["scene", "way", "e", "start", "steps", "outcome"])

@@ -1,4 +1,4 @@
-"""What a state shows by itself, whoever stepped to it: depth, limits, energy. Nothing of it is timed."""
+"""Measures of a state, whichever way to step led to it: depth, violation of limits, energy. None of this is timed."""
 
 import copy
 from typing import NamedTuple
@@ -10,18 +10,18 @@ _LIMITS = [int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT), int(mujoco.mjtConstrai
 _SINGLE, _OVERRIDE = int(mujoco.mjtDisableBit.mjDSBL_MULTICCD), int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
 _SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
 _STAGES = mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_collision, mujoco.mj_makeConstraint
-"""The stages of `mj_fwdPosition` that find contacts and limits; others fail where contacts fill the arena."""
+"""The stages of `mj_fwdPosition` that find contacts and limits; other stages fail where contacts fill the arena."""
 _CCD_TOLERANCE, _CCD_ITERATIONS = 1e-10, 100
 
 
 class Seen(NamedTuple):
-    """What one state shows.
+    """Measures of one state.
 
     Attributes:
-        depth: of the deepest contact between geoms, m, 0 without one.
-        pair: the geoms of that contact.
+        depth: depth of the deepest contact between geoms, m; 0 without contact.
+        pair: names of the geoms of that contact.
         limit: largest violation of a joint's or tendon's limit, m or rad.
-        energy: potential and kinetic, J.
+        energy: sum of potential and kinetic energy, J; NaN for scenes that are not passive.
     """
 
     depth: float
@@ -31,10 +31,10 @@ class Seen(NamedTuple):
 
 
 class Watch:
-    """Looks at states of a scene with data and options of its own: margins 0, exact convex collisions.
+    """Evaluates states of a scene with its own data and options: margins 0, exact convex collisions.
 
     Attributes:
-        passive: whether nothing in the scene can feed energy: no actuators, mocap bodies, belts, nor gravity lifted.
+        passive: whether no part of the scene feeds energy: no actuators, mocap bodies, belts or gravity compensation.
     """
 
     def __init__(self, model: mujoco.MjModel):
@@ -50,7 +50,7 @@ class Watch:
         self.passive = not fed
 
     def look(self, data: mujoco.MjData, qpos: np.ndarray, qvel: np.ndarray) -> Seen:
-        """Return what position and velocity show; mocap poses and active constraints are those of data."""
+        """Return the measures of a position and velocity; mocap poses and active constraints come from data."""
         own, model = self._data, self._model
         own.mocap_pos[:], own.mocap_quat[:], own.eq_active[:] = data.mocap_pos, data.mocap_quat, data.eq_active
         own.qpos[:], own.qvel[:] = qpos, qvel

@@ -19,28 +19,28 @@ _OPTIONS: dict[Way, dict[str, Any]] = {
     "event-driven": {"contact_model": "rigid", "scheme": "event-driven", "overlap": "push-out"},
     "time-stepping": {"contact_model": "rigid", "scheme": "time-stepping", "overlap": "push-out"},
 }
-_REHEARSED, _REHEARSAL = 100, 1.0  # steps, s
+_REHEARSED, _REHEARSAL = 100, 1.0  # largest number of steps of a rehearsal, and its longest time, s
 
 
 def stepper(model: mujoco.MjModel, way: Way, restitution: float) -> Stepper:
-    """Return the stepper of a way that has one: Moreau's law, exact friction."""
+    """Return the stepper of a way other than "mujoco", with Moreau's law and exact friction."""
     return Stepper(model, Moreau(restitution), **_OPTIONS[way])
 
 
 def step_of(model: mujoco.MjModel, ours: Stepper | None) -> Callable[[mujoco.MjData], None]:
-    """Return the function that advances data by one timestep."""
+    """Return the function that advances data by one timestep; without a stepper it is `mj_step`."""
     return partial(mujoco.mj_step, model) if ours is None else ours.step
 
 
 def rehearse(model: mujoco.MjModel, start: mujoco.MjData, way: Way, restitution: float) -> None:
-    """Take some steps of a copy of the scene, so that what is loaded or compiled once is not counted."""
+    """Take some steps of a copy of the scene, so that loading and compiling are not timed."""
     if way == "mujoco":
         return
-    if way == "event-driven":  # what it leaves undone is time stepped
+    if way == "event-driven":  # time stepping takes the rest of its steps
         compile_steps()
     ours, data = stepper(model, way, restitution), copy.copy(start)
     end = time.perf_counter() + _REHEARSAL
-    with contextlib.suppress(Exception):  # which the case will meet itself
+    with contextlib.suppress(Exception):  # the case itself will raise it
         for _ in range(_REHEARSED):
             if time.perf_counter() < end:
                 ours.step(data)
