@@ -1,8 +1,8 @@
-"""Stability: extreme and stiff cases under every law and solver, each with its verdict and the one it should have.
+"""Stability: extreme and stiff cases under every law and solver, each with its verdict and the expected one.
 
-A verdict is computed from the study's own measurements (`scripts.stability.verdicts`), never from what the package says
-of its own result: "right", "refused" (a typed error), "WRONG" (a silent error), "NaN", "HANGS" (over the case's time
-budget), "CRASHES" (any other exception, or a floating-point warning). Every row runs in a process of its own. The exit
+A verdict is computed from the study's own measurements (`scripts.stability.verdicts`), never from the package's report
+on its own result: "right", "refused" (a typed error), "WRONG" (a silent error), "NaN", "HANGS" (over the case's time
+budget), "CRASHES" (any other exception, or a floating-point warning). Rows are measured in a separate process. The exit
 code is 1 if any verdict is not the expected one.
 """
 
@@ -28,7 +28,7 @@ class Stability:
     """Which cases to run."""
 
     quick: bool = False
-    """Shorten the long cases; under a minute, and what the tests run."""
+    """Shorten the long cases, to less than a minute; the tests run these."""
     cases: tuple[str, ...] = ("*",)
     """Names of cases, or patterns such as "stack*"."""
 
@@ -37,7 +37,7 @@ def select(study: Stability) -> list[Case]:
     """Return the cases that the study names.
 
     Raises:
-        ValueError: a pattern that no case matches.
+        ValueError: if a pattern matches no case.
     """
     for pattern in study.cases:
         if not any(fnmatch(name, pattern) for name in CASES):
@@ -78,7 +78,7 @@ def run_case(case: Case, quick: bool, worker: Worker) -> list[dict[str, object]]
 
 
 def format_table(table: pd.DataFrame) -> str:
-    """Return one line per case with its verdicts and worst numbers; then what is not as expected, and the refusals."""
+    """Return one line per case with its verdicts and worst numbers, then the unexpected verdicts, then the refusals."""
     cases = [
         {"case": name, "verdicts": ", ".join(f"{count} {verdict}" for verdict, count in _counted(rows.verdict))}
         | {column: rows[column].max() for column in (*MEASURED, "seconds", "note")}
@@ -101,7 +101,7 @@ def _counted(found: pd.Series) -> list[tuple[str, int]]:
 
 
 def main(study: Stability, out: Path = Path("out/stability")) -> None:
-    """Run the study, print its table, and write every row as CSV, with the machine beside it.
+    """Run the study, print its table, and write every row as CSV, with a description of the machine.
 
     Args:
         study: what to run.

@@ -1,18 +1,18 @@
-"""The certificate of one collision that the stability study computes itself, in extended precision.
+"""The stability study's own certificate of a collision, in extended precision.
 
-From mass matrix, gap gradients, the velocities before and after, and the impulses, relative to the larger of |v-| and
-|v+| in the kinetic metric:
+It is computed from mass matrix, gap gradients, the velocities before and after, and the impulses. Errors are relative
+to the larger of |v-| and |v+| in the kinetic metric:
 
     momentum         |R^-1 (M (v+ - v-) - J^T Lambda - J_t^T Lambda_t)|,  M = R R^T
     complementarity  max |min(Lambda_i |g_i|, (gamma+_i - gamma^h_i) / |g_i|)|,  gamma^h = -E gamma-
     friction         max |x - P(x - u / l^2)| l,  x = Lambda_t / mu,  u = mu gamma_t+,  P onto the ball |x| <= Lambda_n,
                      l the length of the longest of the contact's rows ``mu J_t``
 
-Bilateral constraints: ``v = v_fixed + N u``, the columns of N a basis of the null space of J_eq and v_fixed orthogonal
-to it in the kinetic metric. The jump must stay in that space; all of the above is then looked at in u, with
-``N^T M N``, ``J N`` and ``J_t N``, where no bilateral impulse is left, and ``J v_fixed`` counts as the motion of a
-surface. Rounding v+ and Lambda to doubles alone makes a momentum error of a few eps times ``sum Lambda_i |g_i|`` and,
-where M is no diagonal matrix, of cond(M) eps times the jump; as much is left out of it.
+Bilateral constraints: ``v = v_fixed + N u``, where the columns of N are a basis of the null space of J_eq and v_fixed
+is orthogonal to it in the kinetic metric. The jump must stay in the null space. All errors above are then evaluated for
+u, with ``N^T M N``, ``J N`` and ``J_t N``, where no bilateral impulse remains; ``J v_fixed`` counts as the motion of a
+surface. Rounding v+ and Lambda to doubles alone causes a momentum error of some eps times ``sum Lambda_i |g_i|`` and,
+if M is not diagonal, of cond(M) eps times the jump; this much is subtracted from the momentum error.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-_RANK = 1e-9  # relative singular value, rows of J_eq of unit length, below which constraints are redundant
+_RANK = 1e-9  # relative singular value below which constraints are redundant, with rows of J_eq scaled to unit length
 
 
 @dataclass(frozen=True)
@@ -28,11 +28,12 @@ class Certificate:
     """The study's own check of one collision.
 
     Attributes:
-        residual: the largest of the errors above and of the jump along bilateral constraints, relative to the speed.
-        balance: ``|T+ - T- - Lambda^T (gamma- + gamma+) / 2|`` with the bodies' own velocities and with friction,
-            relative to the larger energy.
-        change: work of the impulses of contact, ``Lambda^T (gamma- + gamma+) / 2`` and that of friction, relative to
-            the same; it is ``T+ - T-`` where no surface and no constraint moves.
+        residual: the largest of the errors above and of the jump that violates bilateral constraints, relative to the
+            speed.
+        balance: ``|T+ - T- - Lambda^T (gamma- + gamma+) / 2|``, with the bodies' own velocities and with the work of
+            friction, relative to the larger energy.
+        change: work of the contact impulses, ``Lambda^T (gamma- + gamma+) / 2`` plus that of friction, relative to the
+            larger energy; it is ``T+ - T-`` where no surface and no constraint moves.
         penetration: largest ``-gamma+_i / |g_i|``, relative to the speed.
     """
 
@@ -88,8 +89,8 @@ def certify(
         bilateral: ``J_eq``, (m, nv).
         surfaces: ``w-`` and ``w+``, (h,) each.
         sliding: friction.
-        rounding: contact velocity up to which bodies at rest cannot be told from such that close, m/s.
-        kind: of floating-point number to compute with.
+        rounding: closing velocity that counts as zero, because it may be rounding, m/s.
+        kind: type of floating-point numbers to compute with.
     """
     M, J, before, after, impulse, wanted = (np.asarray(a, kind) for a in (M, J, before, after, impulse, wanted))
     w = np.zeros((2, len(J)), kind) if surfaces is None else np.asarray(surfaces, kind)
@@ -147,14 +148,14 @@ def _norm(M: np.ndarray, v: np.ndarray) -> float:
 
 
 def _rounding(M: np.ndarray, jump: np.ndarray) -> float:
-    """Return the momentum error that rounding v+ makes where M is no diagonal matrix."""
+    """Return the momentum error that rounding of v+ causes if M is not diagonal."""
     if np.count_nonzero(M) == len(M):
         return 0.0
     return _EPS * float(np.linalg.cond(M.astype(float))) * float(np.sqrt(jump @ jump))
 
 
 def _friction_error(x: np.ndarray, u: np.ndarray, length: float, pressing: float) -> float:
-    """Return how far friction is from opposing the sliding velocity with all it can."""
+    """Return the friction error of a contact, see the module."""
     if length == 0.0:
         return 0.0
     aim = x - u / length**2
@@ -165,7 +166,7 @@ def _friction_error(x: np.ndarray, u: np.ndarray, length: float, pressing: float
 
 
 def _null_space(rows: np.ndarray) -> np.ndarray:
-    """Return an orthonormal basis of what the rows leave free, (nv, r)."""
+    """Return an orthonormal basis of the null space of the rows, (nv, r)."""
     lengths = np.linalg.norm(rows, axis=1)
     _, s, V = np.linalg.svd(rows[lengths > 0] / lengths[lengths > 0, None])
     return V[np.count_nonzero(s > _RANK * s.max(initial=0.0)) :].T

@@ -1,6 +1,6 @@
-"""The cases of the stability study in which a law alone resolves one collision, without a scene.
+"""The cases of the stability study in which a law resolves one collision, without a scene.
 
-In all of them every contact closes (``gamma- <= 0``), so that no law that is tried may leave one penetrating.
+In all of them every contact closes (``gamma- <= 0``), so that no law of the study may leave a contact penetrating.
 """
 
 from collections.abc import Callable, Iterator
@@ -17,14 +17,14 @@ from .certificate import certify
 from .verdicts import EITHER, REFUSED, Case, Expected, Measurement, WrongRefusalError
 
 Numbers = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Mass matrix, gap gradients, velocity before."""
+"""Mass matrix, gap gradients and velocity before the collision."""
 
 ALMOST_ONE = 1.0 - 1e-16
 BASIC = ("maximal-dissipation", "moreau 0.5", "moreau 1", "moreau 1 - 1e-16", "newton 0 .. 1")
 CHAIN = (*BASIC, "reversal 1")
 EVERY = (*SOLVERS, "auto")
 _COMMON = {"maximal-dissipation": 0.0, "moreau 0.5": 0.5, "moreau 1": 1.0, "moreau 1 - 1e-16": ALMOST_ONE}
-"""Restitution of laws that have one coefficient for all contacts."""
+"""Restitution of the laws with one coefficient for all contacts."""
 
 
 def law_of(name: str, h: int) -> Law:
@@ -41,7 +41,7 @@ def _coefficients(name: str, h: int) -> np.ndarray:
 
 
 def _wanted(name: str, gamma: np.ndarray) -> np.ndarray:
-    """``gamma^h = -E gamma-`` by the definition of the law."""
+    """Return ``gamma^h = -E gamma-`` by the definition of the law."""
     return -gamma[::-1] if name == "reversal 1" else -_coefficients(name, len(gamma)) * gamma
 
 
@@ -70,14 +70,14 @@ def _measure(numbers: Callable[[bool], Numbers], law: str, solver: str, quick: b
 
 
 def _of_the_rest(M: np.ndarray, J: np.ndarray, v: np.ndarray, after: np.ndarray) -> float:
-    """Return how much velocities that no contact reaches have changed, relative to the speed of the whole."""
+    """Return the change of velocities that no contact can reach, relative to the speed of the whole system."""
     free = np.setdiff1d(np.arange(len(v)), np.concatenate([columns for _, columns in _blocks(J, M)] or [[]]))
     change = np.sqrt(np.diag(M)[free]) * (after - v)[free]
     return float(np.linalg.norm(change) / (np.sqrt(v @ M @ v) or 1.0))
 
 
 def _check_ray(ray: np.ndarray, M: np.ndarray, J: np.ndarray, v: np.ndarray, wanted: np.ndarray) -> None:
-    """Refuse a refusal whose ray ``nu >= 0, J^T nu = 0, nu^T (gamma^h - gamma-) > 0`` is none."""
+    """Raise unless a refusal's ray satisfies ``nu >= 0, J^T nu = 0, nu^T (gamma^h - gamma-) > 0``."""
     scale = np.sqrt(np.diag(M))
     Y = J / scale
     unbalanced = np.linalg.norm(ray @ Y) / (ray @ np.linalg.norm(Y, axis=1) or 1.0)
@@ -87,7 +87,7 @@ def _check_ray(ray: np.ndarray, M: np.ndarray, J: np.ndarray, v: np.ndarray, wan
 
 
 def _blocks(J: np.ndarray, M: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return contacts and velocities of the parts with contacts that have nothing to do with each other."""
+    """Return the contacts and the velocities of each independent part that has contacts."""
     moves = (J != 0).astype(int)
     count, member = connected_components(moves.T @ moves + (M != 0), directed=False)
     columns = [np.flatnonzero(member == part) for part in range(count)]
@@ -99,7 +99,7 @@ def _blocks(J: np.ndarray, M: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]
 
 
 def _balls(masses, velocities, quick: bool = False) -> Numbers:
-    """Touching balls on a line, ``gamma_i = v_{i+1} - v_i``."""
+    """Return touching balls on a line, ``gamma_i = v_{i+1} - v_i``."""
     n = len(masses)
     return np.diag(np.asarray(masses, float)), np.diff(np.eye(n), axis=0), np.asarray(velocities, float)
 
@@ -126,7 +126,7 @@ def _duplicated(copies: int, quick: bool) -> Numbers:
 
 
 def _coplanar(columns: int, rows: int, tilt: float, quick: bool) -> Numbers:
-    """A cube of mass 2 and half edge 1 falls on points of its bottom face."""
+    """Return a cube of mass 2 and half edge 1 that lands on a grid of points of its bottom face."""
     columns = columns // 5 if quick and columns > 8 else columns
     x, y = (a.ravel() for a in np.meshgrid(np.linspace(-1, 1, columns), np.linspace(-1, 1, rows)))
     J = np.zeros((len(x), 6))
@@ -135,19 +135,19 @@ def _coplanar(columns: int, rows: int, tilt: float, quick: bool) -> Numbers:
 
 
 def _parallel(angle: float, quick: bool) -> Numbers:
-    """Six normals within an angle, all closing."""
+    """Return six closing contacts with almost parallel normals, a few times the angle apart."""
     turn = angle * np.array([0.0, 1.0, -1.0, 2.0, -2.0, 1.0])
     J = np.column_stack([np.sin(turn), np.cos(turn), angle * np.arange(6.0)])
     return np.diag([1.0, 2.0, 3.0]), J, np.array([0.25, -1.0, -0.5])
 
 
 def _opposite(angle: float, quick: bool) -> Numbers:
-    """A ball between two walls that are parallel but for an angle, on its way into the wedge."""
+    """Return a ball that moves into a wedge of two walls that are parallel up to an angle."""
     return np.eye(2), np.array([[1.0, angle], [-1.0, angle]]), np.array([0.2 * angle, -1.0])
 
 
 def _conditioned(condition: float, dependent: bool, quick: bool) -> Numbers:
-    """Twelve contacts of nine velocities, or eight of eight, whose Delassus matrix has a condition number."""
+    """Return 12 contacts with 9 velocities, or 8 with 8, whose Delassus matrix has this condition number."""
     rng = np.random.default_rng(7)
     h, nv = (12, 9) if dependent else (8, 8)
     n = min(h, nv)
@@ -159,7 +159,7 @@ def _conditioned(condition: float, dependent: bool, quick: bool) -> Numbers:
 
 
 def _inertia(condition: float, quick: bool) -> Numbers:
-    """Six contacts of a full mass matrix with a condition number."""
+    """Return six contacts with a full mass matrix of this condition number."""
     rng = np.random.default_rng(8)
     Q = np.linalg.qr(rng.normal(size=(8, 8)))[0]
     M = (Q * np.geomspace(1.0, condition, 8)) @ Q.T
@@ -179,7 +179,7 @@ def _speed(speed: float, quick: bool) -> Numbers:
 
 
 def _two_speeds(coupled: bool, quick: bool) -> Numbers:
-    """Two balls on walls of their own at 1e8 and 1e-12 m/s; coupled, a third contact lies between them."""
+    """Return two balls that hit separate walls at 1e8 and 1e-12 m/s; if coupled, a third contact acts on both."""
     J = np.array([[1.0, 0.0], [0.0, 1.0]] + [[1.0, 1.0]] * coupled)
     return np.eye(2), J, np.array([-1e8, -1e-12])
 
@@ -215,7 +215,7 @@ def _case(
 
 
 def cases() -> list[Case]:
-    """Return the cases of the law alone."""
+    """Return the cases of a law without a scene."""
     return [*_mass_cases(), *_contact_cases(), *_condition_cases(), *_speed_cases()]
 
 

@@ -1,6 +1,6 @@
-"""The cases of the stability study with friction, on surfaces that move too, and with welds.
+"""The cases of the stability study with friction, also on moving surfaces, with joint limits and with welds.
 
-A body that stops within a timestep h stops late by up to mu g h^2 / 8: its friction acts through all of that step.
+A body that stops within a timestep h is off by up to mu g h^2 / 8, because its friction acts during the whole step.
 """
 
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ from .verdicts import Case, Measurement, stepped
 from .watch import G, Watch, coefficient, compiled
 
 LAWS = ("maximal-dissipation", "moreau 0.5", "newton 0.3")
-ONE = ("moreau 0.5",)  # where nothing collides
+ONE = ("moreau 0.5",)  # for cases without collisions
 THROWN = ("moreau 0.5", "newton 0.3", "moreau 1")
 _STEP = 2e-3
 _DRIVEN = "driven: energy of collisions only"
@@ -39,7 +39,7 @@ def _floor(mu: float, more: str = "") -> str:
 def _incline(
     mu: float, steepness: float, masses: tuple[float, ...], timestep: float, law: str, solver: str, quick: bool
 ) -> Measurement:
-    """Boxes on each other on a slope of ``steepness`` times the friction angle; deviation in m from the closed form."""
+    """Stack boxes on a slope of ``steepness`` times the friction angle; deviation from the closed form in m."""
     angle = steepness * np.arctan(mu)
     turn = _numbers(0.0, float(np.degrees(angle)), 0.0)
     along, across = np.array([np.cos(angle), 0.0, -np.sin(angle)]), np.array([np.sin(angle), 0.0, np.cos(angle)])
@@ -58,7 +58,7 @@ def _incline(
 
 
 def _stack(n: int, law: str, solver: str, quick: bool) -> Measurement:
-    """Boxes with friction at rest on each other; deviation is how far any moves, m."""
+    """Leave a stack of boxes with friction at rest; deviation is the farthest that a box moves, m."""
     world = _floor(0.5) + "".join(_box(f"box{i}", _numbers(0.0, 0.0, 0.1 + 0.2 * i), 0.5) for i in range(n))
     watch = Watch(compiled(world), law)
     watch.rest(30 if quick else 5000)
@@ -66,7 +66,7 @@ def _stack(n: int, law: str, solver: str, quick: bool) -> Measurement:
 
 
 def _sliding(mu: float, law: str, solver: str, quick: bool) -> Measurement:
-    """A plate slides on the floor and stops after 0.299 s; deviation in m from the closed form."""
+    """Let a plate slide on the floor until it stops after 0.299 s; deviation from the closed form in m."""
     stop = 0.299
     speed = mu * G * stop
     watch = Watch(compiled(_floor(mu) + _box("plate", "0 0 .01", mu, size=".2 .2 .01")), law)
@@ -80,7 +80,7 @@ def _sliding(mu: float, law: str, solver: str, quick: bool) -> Measurement:
 
 
 def _thrown(mu: float, ratio: float, law: str, solver: str, quick: bool) -> Measurement:
-    """A spinning box is thrown at another one that lies on the floor: collisions with friction of several contacts."""
+    """Throw a spinning box at another one that lies on the floor: collisions of several contacts with friction."""
     world = _floor(mu) + _box("low", "0 0 .1", mu) + _box("high", ".05 .02 .4", mu, mass=ratio, euler="20 30 40")
     watch = Watch(compiled(world), law)
     watch.data.qvel[6:] = -1.0, 0.5, -2.0, 3.0, -5.0, 8.0
@@ -90,7 +90,7 @@ def _thrown(mu: float, ratio: float, law: str, solver: str, quick: bool) -> Meas
 
 
 def _coin(law: str, solver: str, quick: bool) -> Measurement:
-    """A coin spins and rolls on its rim until it lies: the contact point runs round faster than the coin moves."""
+    """Let a coin spin and roll on its rim until it lies flat; its contact point runs around faster than it moves."""
     world = f"""{_floor(0.3)}<body pos="0 0 .2"><freejoint/>
         <geom name="coin" type="cylinder" size=".1 .005" mass="1" friction=".3"/></body>"""
     watch = Watch(compiled(world), law)
@@ -102,10 +102,10 @@ def _coin(law: str, solver: str, quick: bool) -> Measurement:
 
 
 def _rod(mu: float, slope: float, law: str, solver: str, quick: bool) -> Measurement:
-    """A slender rod slides on one end and leans so that sliding has no solution (Painleve): friction jams it at once.
+    """Let a slender rod slide on one end, tilted so that sliding has no solution (Painleve): friction jams it at once.
 
-    Deviation is that of its rate of turning after the first step, rad/s, from that of the end caught: angular momentum
-    about it is kept. Gravity changes this by less than g h.
+    Deviation is the difference of its angular velocity after the first step, rad/s, from that of a rod whose end is
+    caught: angular momentum about the end is conserved. Gravity changes it by less than g h.
     """
     angle = np.arctan(slope)
     x, z, inertia, radius = np.cos(angle), np.sin(angle), 1 / 3, 0.01
@@ -127,9 +127,9 @@ def _rod(mu: float, slope: float, law: str, solver: str, quick: bool) -> Measure
 
 
 def _shaken(strength: float, timestep: float, law: str, solver: str, quick: bool) -> Measurement:
-    """A table shakes sideways with ``strength`` times the acceleration that friction can give a box on it.
+    """Shake a table sideways with ``strength`` times the acceleration that friction can give a box on it.
 
-    Deviation in m from the box's place on the table; of its height only where it slides.
+    Deviation is the distance of the box from its place on the table, m; where it slides, across and in height only.
     """
     mu, omega = 0.5, 20.0
     table = '<geom name="table" type="box" size="2 2 .1" pos="0 0 -.1" friction="0.5"/>'
@@ -139,7 +139,7 @@ def _shaken(strength: float, timestep: float, law: str, solver: str, quick: bool
     begin = watch.data.time
     for _ in range(round((0.5 if quick else 10.0) / timestep)):
         t = watch.data.time + timestep - begin
-        swing = min(t / 0.5, 1.0)  # its acceleration may not jump: that costs a h^2
+        swing = min(t / 0.5, 1.0)  # ramp: a jump of acceleration would cost a h^2
         grown = swing**3 * (10 - 15 * swing + 6 * swing**2)
         watch.data.mocap_pos[0, 0] = strength * mu * G / omega**2 * grown * (1 - np.cos(omega * t))
         watch.step()
@@ -149,7 +149,7 @@ def _shaken(strength: float, timestep: float, law: str, solver: str, quick: bool
 
 
 def _belt(speed: float, law: str, solver: str, quick: bool) -> Measurement:
-    """A belt takes a box along, which has its speed v after v / (mu g); deviation in m from the closed form."""
+    """Let a belt of speed v accelerate a box for v / (mu g); deviation from the closed form in m."""
     mu = 0.3
     world = _floor(mu, f'surfacevel="{speed} 0 0"') + _box("box", "0 0 .1", mu)
     watch = Watch(compiled(world), law)
@@ -166,7 +166,7 @@ def _belt(speed: float, law: str, solver: str, quick: bool) -> Measurement:
 
 
 def _limited(timestep: float, law: str, solver: str, quick: bool) -> Measurement:
-    """A block slides with friction, bounces off the limit of its joint and stops; deviation in m, closed form."""
+    """Let a block slide, bounce off the limit of its joint and stop; deviation from the closed form in m."""
     mu, speed, end, e = 0.3, 2.0, 0.4, coefficient(law)
     block = f'<geom name="box" type="box" size=".1 .1 .1" friction="{mu}"/>'
     world = f"""{_floor(mu)}<body pos="0 0 .1"><joint name="x" type="slide" axis="1 0 0" range="-1 {end}"/>
@@ -186,9 +186,9 @@ def _limited(timestep: float, law: str, solver: str, quick: bool) -> Measurement
 
 
 def _welded(n: int, law: str, solver: str, quick: bool) -> Measurement:
-    """A redundant chain of welded boxes is hit near its end at 100 m/s; deviation is relative, of the impulse.
+    """Hit a redundant chain of welded boxes near its end at 100 m/s; deviation is the relative error of the impulse.
 
-    The closed form is the collision of one rigid body.
+    The closed form is the collision of a single rigid body.
     """
     light, at, edge = 0.7, np.array([-0.03, 0.05]), 0.2
     world = f"""<body pos="{_numbers(*at, 0.85)}"><freejoint/><geom name="pin" size=".05" mass="{light}" condim="1"/>
@@ -216,7 +216,7 @@ def _welded(n: int, law: str, solver: str, quick: bool) -> Measurement:
 
 
 def cases() -> list[Case]:
-    """Return the cases."""
+    """Return the cases with friction."""
     return [*_resting(), *_moving(), *_on_moving_surfaces(), *_with_others()]
 
 
@@ -237,7 +237,7 @@ def _moving() -> Iterator[Case]:
     for mu in (1e-3, 1e-2, 0.1, 1.0, 10.0):
         late = max(1e-9, 1.01 * mu * G * _STEP**2 / 8)
         yield stepped(f"plate slides and stops, friction {mu:g}", partial(_sliding, mu), ONE, deviation=late)
-    order = 2e-5  # a body that turns about contacts that stick, contact points that jump: energy is not exact
+    order = 2e-5  # bodies turn about sticking contacts and contact points jump: energy is not exact
     for mu in (1e-3, 1e-2, 0.1, 1.0, 10.0):
         thrown = partial(_thrown, mu, 1.0)
         yield stepped(f"box thrown at another, friction {mu:g}", thrown, THROWN, energy=order)
@@ -256,7 +256,7 @@ def _on_moving_surfaces() -> Iterator[Case]:
     for strength in (0.7, 2.0):
         for timestep in (2e-3, 1e-2):
             shaken = partial(_shaken, strength, timestep)
-            late = 0.27 * strength * 0.5 * G * timestep**2 if strength < 1 else 1e-9  # a h^2 / 4, it does not grow
+            late = 0.27 * strength * 0.5 * G * timestep**2 if strength < 1 else 1e-9  # a h^2 / 4, does not grow
             title = f"box on a shaken table, {strength:g} of what friction holds, timestep {timestep:g}"
             yield stepped(title, shaken, ONE, deviation=late)
     for speed in (0.1, 2.0):

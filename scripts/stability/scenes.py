@@ -16,7 +16,7 @@ from .watch import FLOOR, G, Watch, coefficient, compiled
 
 
 def _stack(n: int, ratio: float, law: str, solver: str, quick: bool) -> Measurement:
-    """Free boxes at rest on each other; deviation is how far any moves, m."""
+    """Leave a stack of free boxes at rest; deviation is the farthest that a box moves, m."""
     world = FLOOR + "".join(
         f'<body pos="0 0 {0.125 + 0.25 * i}"><freejoint/><geom name="box{i}" type="box" size=".125 .125 .125" '
         f'mass="{ratio ** (i % 2)}" condim="1"/></body>'
@@ -28,7 +28,7 @@ def _stack(n: int, ratio: float, law: str, solver: str, quick: bool) -> Measurem
 
 
 def _dropped_stack(n: int, law: str, solver: str, quick: bool) -> Measurement:
-    """A column of balls in touch falls on the floor; deviation is the rest of velocity, m/s, where it must rest."""
+    """Drop a column of touching balls; deviation is the velocity left, m/s, under the law that must leave none."""
     model = builder.stack(n, drop=0.05, radius=0.125).compile()
     watch = Watch(model, law)
     watch.step(40 if quick else 400)
@@ -41,7 +41,10 @@ def _dropped_stack(n: int, law: str, solver: str, quick: bool) -> Measurement:
 
 
 def _actuator(integrator: str, timestep: float, law: str, solver: str, quick: bool) -> Measurement:
-    """A position actuator of kp = 1e6 N/m drives a block 0.1 m into a wall; it must rest there: deviation in m, m/s."""
+    """Drive a block against a wall by a position actuator of kp = 1e6 N/m whose target lies 0.1 m inside the wall.
+
+    The block must rest at the wall; deviation is its distance, m, or its velocity, m/s.
+    """
     world = """<geom name="wall" type="box" size=".1 1 1" pos="1 0 0" condim="1"/>
         <body><joint name="x" type="slide" axis="1 0 0"/>
         <geom name="block" type="box" size=".1 .1 .1" condim="1" mass="1"/></body>"""
@@ -57,7 +60,7 @@ def _actuator(integrator: str, timestep: float, law: str, solver: str, quick: bo
 def _equality(
     kind: str, stiffness: str, contact_model: Literal["rigid", "soft"], law: str, solver: str, quick: bool
 ) -> Measurement:
-    """Two balls held together by a stiff equality fall on the floor; deviation is how far it gives, m."""
+    """Drop two balls that a stiff equality constraint holds together; deviation is how far the constraint gives, m."""
     equality = {
         "weld": f'<weld body1="a" body2="b" solref="{stiffness}"/>',
         "connect": f'<connect body1="a" body2="b" anchor=".15 0 0" solref="{stiffness}"/>',
@@ -82,7 +85,7 @@ def _equality(
 
 
 def _plate(half: float, kind: str, law: str, solver: str, quick: bool) -> Measurement:
-    """A ball of 5 mm hits a plate at 1 km/s with a timestep of 10 ms; deviation in m from the closed form."""
+    """Let a ball of 5 mm hit a plate at 1 km/s with a timestep of 10 ms; deviation from the closed form in m."""
     speed, radius, start = 1000.0, 0.005, 0.6
     corners = " ".join(f"{x} {y} {z}" for x in (-1, 1) for y in (-1, 1) for z in (-half, half))
     rest = f'<asset><mesh name="slab" vertex="{corners}"/></asset>' if kind == "mesh" else ""
@@ -109,7 +112,7 @@ def _sphere_points(n: int) -> str:
 
 
 def _land(shape: str, hills: bool, law: str, solver: str, quick: bool) -> Measurement:
-    """A body moves over a height field, thrown at 1 m/s with a spin of 10 rad/s; 0.6 s."""
+    """Throw a body onto a height field at 1 m/s, over hills with a spin of 10 rad/s, and step it for 0.6 s."""
     x, y = np.meshgrid(np.linspace(0, 1, 21), np.linspace(0, 1, 21))
     heights = 0.5 + 0.5 * np.sin(9 * x) * np.sin(8 * y) if hills else np.zeros_like(x)
     values = " ".join(f"{z:.6f}" for z in heights.ravel())
@@ -134,7 +137,7 @@ def _land(shape: str, hills: bool, law: str, solver: str, quick: bool) -> Measur
 
 
 def cases() -> list[Case]:
-    """Return the cases."""
+    """Return the cases of stacks, stiff forces, thin plates and height fields."""
     return [*_stacks(), *_stiff(), *_plates(), *_lands()]
 
 
@@ -156,7 +159,7 @@ def _stiff() -> Iterator[Case]:
     unstable = Expected(REFUSED, reason, "DivergenceError")
     for kind in ("weld", "connect"):
         measure = partial(_equality, kind, "-1e5 -600", "rigid")
-        # Constraints of MuJoCo give; one that moves does work in a collision as a moving surface does.
+        # MuJoCo's constraints give; a constraint that moves does work in a collision, as a moving surface does.
         yield stepped(f"stiff {kind} during impact, rigid", measure, LAWS, energy=2e-2, deviation=1e-3)
         for stiffness, rules in (("-1e5 -600", ()), ("0.002 1", ()), ("-1e6 -2000", (unstable,))):
             soft = partial(_equality, kind, stiffness, "soft")
@@ -176,5 +179,5 @@ def _lands() -> Iterator[Case]:
     for shape in ("round mesh", "box mesh", "box", "cylinder"):
         for hills in (True, False):
             name = f"{shape} {'over a hilly' if hills else 'on a flat'} height field"
-            # contacts that jump let a body tip for one step: energy is of first order, and depth what it falls in 2 ms
+            # where contacts jump a body tips for one step: energy is of first order, depth is its fall during 2 ms
             yield stepped(name, partial(_land, shape, hills), laws, energy=2e-3, first_order=5e-3)

@@ -1,4 +1,4 @@
-"""The cases of the stability study in which a few bodies are stepped and the answer is known in closed form."""
+"""The cases of the stability study that step a few bodies whose motion is known in closed form."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -12,7 +12,7 @@ LAWS = ("maximal-dissipation", "moreau 0.5", "moreau 1", "newton 0.3")
 
 
 def _body(name: str, pos: tuple[float, ...], joint: str, kind: str, size: float, euler: str = "0 0 0") -> str:
-    """A ball or cube of mass 1; its inertia is given, since MuJoCo finds none for volumes below 1e-15 m^3."""
+    """Return a ball or cube of mass 1, with explicit inertia, as MuJoCo finds none for volumes below 1e-15 m^3."""
     inertia = (0.4 if kind == "sphere" else 2.0 / 3.0) * size**2
     at, sizes = " ".join(f"{x:.17g}" for x in pos), " ".join([f"{size:.17g}"] * 3)
     return f"""<body pos="{at}" euler="{euler}">{joint}
@@ -31,7 +31,7 @@ def _ball(size: float, height: float) -> str:
 def _bounce(
     size: float, height: float, timestep: float, steps: int, tolerance: float, law: str, unit: float
 ) -> Measurement:
-    """Drop a ball; deviation is that of its height from the closed form, in this unit of length."""
+    """Drop a ball; deviation of its height from the closed form, in the given unit of length."""
     watch = Watch(compiled(_ball(size, height), timestep=timestep), law, gap_tolerance=tolerance)
     start = watch.model.body_pos[1, 2] - size
     for _ in range(steps):
@@ -42,7 +42,7 @@ def _bounce(
 
 
 def _dropped_ball(size: float, scaled: bool, law: str, solver: str, quick: bool) -> Measurement:
-    """A ball falls from its own radius; seven timesteps per fall, four falls."""
+    """Drop a ball from a height of its own radius; seven timesteps per fall, for four times the time of the fall."""
     timestep = float(np.sqrt(2.0 * size / G)) / 7.0
     return _bounce(size, size, timestep, 28, 1e-9 * (size if scaled else 1.0), law, unit=size)
 
@@ -54,7 +54,7 @@ def _small_steps(timestep: float, law: str, solver: str, quick: bool) -> Measure
 
 
 def _dropped_box(size: float, scaled: bool, steps: int, law: str, solver: str, quick: bool) -> Measurement:
-    """A tilted box falls from its own size and tumbles; energy is relative to that of the drop."""
+    """Drop a tilted box from a height of its own size and let it tumble; energy is relative to that of the drop."""
     timestep = float(np.sqrt(2.0 * size / G)) / steps
     world = FLOOR + _body("box", (0.0, 0.0, 3.0 * size), "<freejoint/>", "box", size, "20 30 40")
     tolerance = 1e-9 * (size if scaled else 1.0)
@@ -66,7 +66,7 @@ def _dropped_box(size: float, scaled: bool, steps: int, law: str, solver: str, q
 
 
 def _collapse(law: str, solver: str, quick: bool) -> Measurement:
-    """Three equal balls meet on a line; deviation is that of their places, m, from a sequence of exact collisions."""
+    """Let three equal balls meet on a line; deviation of their positions, m, from a sequence of exact collisions."""
     gap, velocity = np.array([0.25, 0.5]), np.array([1.0, 0.125, -1.0])
     radius, at = 0.125, np.array([0.0, 0.5, 1.25])
     world = "".join(_body(f"b{i}", (x, 0.0, 0.0), _slide("1 0 0"), "sphere", radius) for i, x in enumerate(at))
@@ -80,9 +80,9 @@ def _collapse(law: str, solver: str, quick: bool) -> Measurement:
 
 
 def _exact_line(gap: np.ndarray, velocity: np.ndarray, e: float, timestep: float, steps: int) -> list[np.ndarray]:
-    """Places of three equal balls of diameter 1/4 after each timestep, by one collision after the other.
+    """Return the positions of three equal balls of diameter 1/4 after each timestep, by one collision after another.
 
-    Once gaps and relative velocities are below 1e-13 the balls move on together: infinitely many collisions are over.
+    Once relative velocities are below 1e-13 the balls move on together: infinitely many collisions are over.
     """
     at, v, time, found = np.array([0.0, 0.25 + gap[0], 0.5 + gap.sum()]), velocity.copy(), 0.0, []
     for step in range(1, steps + 1):
@@ -106,7 +106,7 @@ def _exact_line(gap: np.ndarray, velocity: np.ndarray, e: float, timestep: float
 
 
 def _slope(timestep: float, law: str, solver: str, quick: bool) -> Measurement:
-    """A ball bounces down a slope of 30 degrees; deviation in m from the closed form along and across it."""
+    """Let a ball bounce down a slope of 30 degrees; deviation from the closed form along and across it, m."""
     radius, height = 0.1, 0.5
     along, across = np.array([np.sqrt(3) / 2, -0.5]), np.array([0.5, np.sqrt(3) / 2])
     start = (radius + height) * across
@@ -122,7 +122,7 @@ def _slope(timestep: float, law: str, solver: str, quick: bool) -> Measurement:
 
 
 def _elastic(law: str, solver: str, quick: bool) -> Measurement:
-    """A ball bounces elastically; energy is its largest drift relative to that of the drop."""
+    """Let a ball bounce elastically; energy is its largest drift relative to the energy of the drop."""
     height, size, timestep = 1.0, 0.1, 1e-3
     watch = Watch(compiled(_ball(size, height), timestep=timestep), law, every=1000)
     q, v, drift = watch.data.qpos, watch.data.qvel, 0.0
@@ -141,21 +141,21 @@ def _drops() -> Iterator[Case]:
             tolerance = 1e-9 * (size if scaled else 1.0)
             rules = (refused,) if power == 6 and not scaled else ()
             name = f"of 1e{power:+d} m, gap tolerance {tolerance:g} m"
-            rest = max(2.0 * tolerance / size, 1e-8)  # a rebound below the gap tolerance is rest
+            rest = max(2.0 * tolerance / size, 1e-8)  # a rebound below the gap tolerance counts as rest
             ball, limits = partial(_dropped_ball, size, scaled), {"energy": 1e-8, "penetration": tolerance}
             yield stepped(f"bouncing ball {name}", ball, LAWS, *rules, **limits, deviation=rest)
-            # where there are more collisions than max_events, time stepping takes the step
+            # time stepping takes the steps with more collisions than max_events
             energy = 1e-2 if tolerance < 1e-11 * size else 1e-5
             for steps in (25, 12):
                 box = partial(_dropped_box, size, scaled, steps)
                 title = f"tumbling box {name}, {steps} steps per fall"
-                # in these, what is slower than g h does not bounce: e = 0.5 of that, next to the speed of the fall
+                # in these, contacts slower than g h do not bounce: 0.5 g h is missed, relative to the speed of the fall
                 slow = 0.5 / steps
                 yield stepped(title, box, LAWS, *rules, energy=energy, penetration=tolerance, first_order=slow)
 
 
 def cases() -> Iterator[Case]:
-    """Return the cases."""
+    """Yield the cases of few bodies."""
     yield from _drops()
     for power in range(-6, 0):
         energy = max(1e-8, 1e-8 * 10.0 ** (-8 - 2 * power))

@@ -1,7 +1,6 @@
-"""What the stability study says of a row: measurements, limits, verdicts.
+"""Measurements, limits and verdicts of the stability study.
 
-A verdict never uses what the package says of its own result; instead it uses
-`scripts.stability.certificate`.
+A verdict never uses the package's report on its own result, but `scripts.stability.certificate`.
 """
 
 from collections.abc import Callable
@@ -12,24 +11,25 @@ import numpy as np
 
 RIGHT, REFUSED, WRONG, HANGS, NAN, CRASHES = "right", "refused", "WRONG", "HANGS", "NaN", "CRASHES"
 MEASURED = ("residual", "energy", "penetration", "deviation", "first_order")
-"""What a result is judged by."""
+"""Names of the measurements that a result is judged by."""
 EITHER = "right or refused"
-"""Expected of iterative solvers at the border of what they reach: an answer or a refusal, never a wrong answer."""
+"""Expected of solvers at the limits of their accuracy: an answer or a refusal, but never a wrong answer."""
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """What one run shows, by the study's own computation.
+    """The measurements of one run, by the study's own computation.
 
     Attributes:
-        residual: the larger of momentum and complementarity error of the worst collision.
+        residual: the largest error of the worst collision, see `scripts.stability.certificate`.
         energy: energy error relative to the energy of the motion.
-        penetration: m/s relative to the speed (laws), or m beyond zero gap (stepping).
-        deviation: distance from the closed form, in the unit that the case names; 0 where there is none.
-        first_order: in steps counted as time stepped, penetration relative to the size, or the same as residual, next
-            to the fastest contact so far: in these, what is slower than g h does not bounce.
-        collisions: how many there were.
-        note: a fact that the table should show.
+        penetration: velocity relative to the speed (laws), or depth in m (stepping).
+        deviation: distance from the closed form, in the unit that the case names; 0 without a closed form.
+        first_order: the largest error in steps that are counted as time stepped: penetration relative to the size of
+            what moves, or the error of a collision relative to the fastest contact so far. In these steps contacts
+            slower than g h do not bounce.
+        collisions: number of collisions.
+        note: a remark for the table.
     """
 
     residual: float = 0.0
@@ -43,7 +43,7 @@ class Measurement:
 
 @dataclass(frozen=True)
 class Limits:
-    """Largest measurements of a right result, in the units of `Measurement`."""
+    """The largest measurements of a right result, in the units of `Measurement`."""
 
     residual: float = 1e-9
     energy: float = 1e-9
@@ -54,14 +54,14 @@ class Limits:
 
 @dataclass(frozen=True)
 class Expected:
-    """The verdict a row should have.
+    """The verdict that a row should have.
 
     Attributes:
         verdict: right, refused, or right or refused.
-        reason: why, where it is not right.
-        error: what the refusal must say, the type of the error at least.
-        law: pattern of the laws that it is stated for.
-        solver: pattern of the solvers that it is stated for.
+        reason: why it is not "right".
+        error: text that the refusal must contain, at least the type of the error.
+        law: pattern of the laws that it applies to.
+        solver: pattern of the solvers that it applies to.
     """
 
     verdict: str
@@ -71,7 +71,7 @@ class Expected:
     solver: str = "*"
 
     def fits(self, found: str, reason: str) -> bool:
-        """Return whether a verdict, with its reason, is the expected one."""
+        """Return whether a verdict with its reason is as expected."""
         if self.verdict == EITHER and found == RIGHT:
             return True
         if found == REFUSED and self.verdict in (REFUSED, EITHER):
@@ -84,14 +84,14 @@ class Case:
     """One case of the study.
 
     Attributes:
-        name: what the table shows.
+        name: name in the table.
         kind: "law" or "stepping".
-        measure: runs it: law name, solver name, quick or not.
-        laws: names of the laws it is run under.
-        solvers: names of the solvers it is run with.
-        expected: verdicts other than right; the first whose patterns match a row holds.
-        limits: of a right result.
-        budget: s that one row may take, in the full form.
+        measure: runs it, given the names of law and solver, and whether to be quick.
+        laws: names of the laws to run it under.
+        solvers: names of the solvers to run it with.
+        expected: verdicts other than "right"; the first one whose patterns match a row applies.
+        limits: limits of a right result.
+        budget: longest time of one row, also in the full form, s.
     """
 
     name: str
@@ -119,16 +119,16 @@ def stepped(
     budget: float = 300.0,
     **limits: float,
 ) -> Case:
-    """Return a case that steps a scene, with limits other than the usual ones by the names of `Limits`."""
+    """Return a case that steps a scene; limits other than the default ones are given by the names of `Limits`."""
     return Case(name, "stepping", measure, laws, expected=expected, limits=Limits(**limits), budget=budget)
 
 
 class WrongRefusalError(Exception):
-    """The package refuses with a proof that proves nothing."""
+    """The package refuses with an invalid proof."""
 
 
 def verdict(measurement: Measurement, limits: Limits) -> tuple[str, str]:
-    """Return the verdict on a measurement, and what exceeds which limit."""
+    """Return the verdict on a measurement, and which values exceed their limits."""
     pairs = [(name, getattr(measurement, name), getattr(limits, name)) for name in MEASURED]
     broken = [name for name, value, _ in pairs if not np.isfinite(value)]
     if broken:

@@ -1,4 +1,4 @@
-"""A scene that is stepped, and measured by MuJoCo's own means and the study's, not by the package's."""
+"""Steps a scene and measures it by means of MuJoCo and of the study, not of the package."""
 
 import copy
 import time
@@ -14,18 +14,18 @@ from .verdicts import Measurement
 
 G = 9.81
 FLOOR = '<geom name="floor" type="plane" size="1 1 1" condim="1"/>'
-MOST = 100  # collisions of a step: if there are more, a rigid one is time stepped, and E = 0 ends a soft one
-_EXTENDED = 64  # velocities up to which collisions are checked in extended precision; Python's is slow beyond
-_ROUNDING = 16 * float(np.finfo(float).eps)  # of contact velocities, as a part of the fastest of the run
+MOST = 100  # largest number of collisions per step; beyond it rigid steps are time stepped, soft ones end with E = 0
+_EXTENDED = 64  # largest number of velocities of collisions that are checked in extended precision, which is slow
+_ROUNDING = 16 * float(np.finfo(float).eps)  # of contact velocities, relative to the fastest contact of the run
 
 
 def coefficient(law: str) -> float:
-    """Return e of a law by its name in the table."""
+    """Return the coefficient e of a law, given its name in the table."""
     return 0.0 if law == "maximal-dissipation" else float(law.split()[-1])
 
 
 def law_of(law: str) -> Law:
-    """Return a law for any number of contacts by its name in the table: maximal-dissipation, or kind and e."""
+    """Return a law for any number of contacts, given its name in the table: maximal-dissipation, or kind and e."""
     kind = law.split()[0]
     if kind == "maximal-dissipation":
         return MaximalDissipation()
@@ -35,25 +35,25 @@ def law_of(law: str) -> Law:
 def compiled(
     world: str, rest: str = "", *, timestep: float = 2e-3, gravity: float = G, integrator: str = "RK4"
 ) -> mujoco.MjModel:
-    """Compile a scene from its bodies and other sections."""
+    """Compile a scene from the MJCF of its world and of other sections."""
     option = f'<option gravity="0 0 {-gravity}" timestep="{timestep!r}" integrator="{integrator}"/>'
     return mujoco.MjModel.from_xml_string(f"<mujoco>{option}<worldbody>{world}</worldbody>{rest}</mujoco>")
 
 
 class Watch:
-    """Steps a scene and keeps the worst that happens.
+    """Steps a scene and keeps the largest errors.
 
-    After every step MuJoCo's own detection, on a copy of the scene, tells how deep geoms overlap, and its own energies
-    tell how much the scene has gained since they were lowest. Every collision is certified by the study. Steps with
-    more collisions than the stepper may locate are time stepped, and counted: what they show is kept apart.
+    After every step MuJoCo's own detection, on a copy of the scene, measures how deep geoms overlap, and MuJoCo's
+    energies show how much the scene has gained since their minimum. The study certifies every collision. Steps with
+    more collisions than the stepper may locate are time stepped and counted; their errors are kept separately.
 
     Args:
         model: the scene.
         law: name of the law.
         contact_model: "rigid" or "soft".
-        gap_tolerance: of rigid stepping, m.
-        every: steps between looks at penetration and energy.
-        size: of what moves, m: depths in steps that are time stepped are relative to it.
+        gap_tolerance: gap tolerance of rigid stepping, m.
+        every: number of steps between measurements of penetration and energy.
+        size: size of the moving bodies, m; depths in steps that are time stepped are relative to it.
     """
 
     def __init__(
@@ -89,7 +89,7 @@ class Watch:
 
     @property
     def unlocated(self) -> int:
-        """Steps that the stepper has time stepped, whole or in part."""
+        """Number of steps that were time stepped, completely or in part."""
         return self._stepper.unlocated
 
     def step(self, steps: int = 1) -> None:
@@ -111,7 +111,7 @@ class Watch:
             self.residual, self.penetration = float(np.max([self.residual, *worst])), max(self.penetration, depth)
 
     def energy(self) -> tuple[float, float]:
-        """Return potential and kinetic energy of now, J."""
+        """Return the potential and the kinetic energy of the current state, J."""
         own, scratch = self._own, self._scratch
         scratch.qpos[:], scratch.qvel[:] = self.data.qpos, self.data.qvel
         scratch.mocap_pos[:], scratch.mocap_quat[:] = self.data.mocap_pos, self.data.mocap_quat
@@ -122,17 +122,17 @@ class Watch:
         return float(scratch.energy[0]), float(scratch.energy[1])
 
     def equality_error(self) -> float:
-        """Return how far equality constraints are violated where `energy` has last looked, m or rad."""
+        """Return the largest violation of an equality constraint in the state that `energy` saw last, m or rad."""
         scratch = self._scratch
         rows = scratch.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
         return float(np.abs(scratch.efc_pos[rows]).max(initial=0.0))
 
     def deviates(self, distance: float) -> None:
-        """Keep the largest distance from the closed form; one that is not a number stays."""
+        """Keep the largest distance from the closed form; NaN is kept, too."""
         self.deviation = float(np.maximum(self.deviation, distance))
 
     def rest(self, steps: int) -> None:
-        """Advance; what moves deviates, by how far it is from its place, m, and by its velocity at the end, m/s."""
+        """Advance a scene at rest; every motion, m, and the velocity at the end, m/s, counts as deviation."""
         start = self.data.qpos.copy()
         for _ in range(steps):
             self.step()
@@ -140,7 +140,7 @@ class Watch:
         self.deviates(float(np.abs(self.data.qvel).max()))
 
     def measurement(self, *, energy: float | None = None, energy_scale: float = 1.0, note: str = "") -> Measurement:
-        """Return what has been measured; the energy error is the largest gain unless another one is given."""
+        """Return the measurement; the energy error is the largest gain unless another error is given."""
         energy = self.gain / energy_scale if energy is None else energy
         if not (np.isfinite(self.data.qpos).all() and np.isfinite(self.data.qvel).all()):
             energy = np.nan
@@ -151,14 +151,14 @@ class Watch:
         )
 
     def _look(self) -> float:
-        """Keep the largest gain of energy and return how deep geoms overlap, m."""
+        """Keep the largest gain of energy, and return the depth of the deepest overlap of geoms, m."""
         energy = sum(self.energy())
         self._lowest = energy if self._lowest is None else min(self._lowest, energy)
         self.gain = float(np.maximum(self.gain, energy - self._lowest))
         return -float(np.min(self._scratch.contact.dist, initial=0.0))
 
     def _certify(self, event: ImpactEvent, *, final: bool) -> tuple[float, float]:
-        """Count a collision and return its worst error, and the velocity of its fastest contact."""
+        """Count a collision, and return its largest error and the speed of its fastest contact, m/s."""
         impact, c = event.impact, event.impact.collision
         kind = np.longdouble if len(c.pre_velocity) <= _EXTENDED else float
         w, after = c.surface_velocity, c.post_surface_velocity
@@ -188,7 +188,7 @@ class Watch:
 
 
 def bounce(time: float, e: float, height: float, gravity: float) -> float:
-    """Height of a ball dropped from ``height`` after ``time``, m, in closed form."""
+    """Return the height of a ball dropped from ``height`` after ``time``, m, in closed form."""
     fall = np.sqrt(2.0 * height / gravity)
     if time < fall:
         return height - 0.5 * gravity * time**2

@@ -1,4 +1,4 @@
-"""One row of the stability study, measured in a process of its own, with its verdict."""
+"""One row of the stability study, measured in a separate process, with its verdict."""
 
 import time
 import traceback
@@ -16,7 +16,7 @@ from .verdicts import CRASHES, HANGS, REFUSED, WRONG, Measurement, WrongRefusalE
 
 @dataclass(frozen=True)
 class Task:
-    """One row: names of case, law and solver, and whether the case is run in its quick form."""
+    """One row: the names of case, law and solver, and whether to run the case in its quick form."""
 
     case: str
     law: str
@@ -26,13 +26,13 @@ class Task:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a row.
+    """The outcome of a row.
 
     Attributes:
         verdict: right, refused, WRONG, NaN, HANGS or CRASHES.
         reason: why it is not right.
-        measurement: what was measured, or nothing.
-        seconds: that the row took, building its scene included.
+        measurement: the measurement, or None if the run did not end with one.
+        seconds: wall time of the row, s, with the building of its scene.
     """
 
     verdict: str
@@ -61,9 +61,9 @@ class Worker(apart.Worker):
 
 
 def _prepare() -> None:
-    """Import and compile what a row may use, so that none pays for it; let overflow and invalid numbers be loud.
+    """Import and compile the code of all rows before the first is timed; turn floating-point warnings into errors.
 
-    With one thread for BLAS: several cost 100 times as much on a busy machine.
+    BLAS gets one thread, because several take 100 times as long on a busy machine.
     """
     from impactlaw.solvers import load_solvers
     from impactlaw.stepping.time_stepping.make import warm_up
@@ -75,7 +75,7 @@ def _prepare() -> None:
 
 
 def _measured(task: Task) -> tuple[str, str, Measurement | None]:
-    """Return verdict, reason and measurement."""
+    """Run a row, and return its verdict, reason and measurement."""
     from .cases import CASES
 
     case = CASES[task.case]

@@ -1,1 +1,1 @@
-"""What it costs to act under another law than the one that was trained under."""
+"""Transfer of policies: the cost of acting under another law than the one used for training."""

@@ -1,7 +1,7 @@
-"""The transfer matrices of the README: policies that PPO trains under one law act under others.
+"""Compute the transfer matrices of the README: policies that PPO trains under one law act under others.
 
-Needs ``impactlaw[train]``, and up to an hour of one core for each task. What is finished is kept; the same command goes
-on where it was stopped. ``juggler.csv`` and ``hopper.csv`` beside this file hold what it printed.
+Needs ``impactlaw[train]``, and up to an hour of one core for each task. Finished cells are kept; the same command
+continues a study that was stopped. ``juggler.csv`` and ``hopper.csv`` beside this file hold the printed results.
 """
 
 from dataclasses import dataclass
@@ -35,12 +35,12 @@ STUDIES = {
 
 @dataclass(frozen=True, kw_only=True)
 class Transfer:
-    """Which study, and where it is kept."""
+    """Which study to run, and where to keep its results."""
 
     task: Literal["juggler", "hopper"] = "juggler"
-    """The task."""
+    """Task of the study."""
     jobs: int = -1
-    """Cells at a time; -1 for one per processor."""
+    """Number of cells at a time; -1 for one per processor."""
     out: Path = Path("out/transfer")
     """Folder for cells, policies, tables and pictures."""
 

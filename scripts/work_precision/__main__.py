@@ -1,7 +1,7 @@
-"""Study "work-precision": what error of a trajectory costs how much run time, by every way to step.
+"""Study "work-precision": error of the trajectory against run time, for every way to step.
 
-Writes tables (CSV) and pictures into a folder, prints measured orders beside the expected ones, and how much smaller
-the errors of event-driven and of time stepping are than that of MuJoCo's best soft contact at equal run time.
+Writes tables (CSV) and pictures into a folder. Prints measured orders beside the expected ones, and how much smaller
+the errors of event-driven and of time stepping are than the error of MuJoCo's best soft contact at equal run time.
 """
 
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ class WorkPrecision:
     """Run the study; the columns of its tables are those of `stepping.run`, `orders` and `results`."""
 
     quick: bool = False
-    """Few scenes and timesteps, in seconds instead of minutes."""
+    """Run few scenes and timesteps, in seconds instead of minutes."""
     out: Path = Path("out/work_precision")
     """Folder for tables and pictures."""
     picture: Path | None = None
@@ -62,7 +62,7 @@ class Results:
 
 
 def run(study: WorkPrecision) -> Results:
-    """Return all tables; shows a progress bar where there is a terminal."""
+    """Return all tables; show a progress bar if there is a terminal."""
     of_stepping = QUICK_STEPPING if study.quick else SteppingStudy()
     of_orders = QUICK_ORDERS if study.quick else OrderStudy()
     total = len(list(stepping.cells(of_stepping))) + len(of_orders.scenes)

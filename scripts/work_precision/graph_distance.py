@@ -1,8 +1,8 @@
-"""Distance of computed states from the graph of a reference trajectory, in (t, q) or, jumps filled in, in (t, q, v).
+"""Distance of computed states from the graph of a reference trajectory, in (t, q) or, with jumps filled, in (t, q, v).
 
-The velocity of a trajectory with impacts jumps. Where an approximation jumps a little later, the two velocities
-differ by the whole jump for a little while: the largest difference at equal times is an error of order one however
-near the two trajectories are. The completed graph
+The velocity of a trajectory with impacts jumps. If an approximation jumps a little later, the two velocities differ by
+the whole jump for a short time, so that the largest difference at equal times is an error of order one, however close
+the two trajectories are. The completed graph
 
     graph = {(t, q(t), v(t))} joined at every impact by the segment from (t, q, v-) to (t, q, v+)
 
@@ -10,14 +10,14 @@ is one continuous curve, and the distance of a computed state (t_i, q_i, v_i) fr
 
     d_i = min over (s, q, v) in graph of |((t_i - s) / T, (q_i - q) / Q, (v_i - v) / V)|,
 
-counts a late bounce by its lateness. T is the duration, Q and V are the largest ranges of any coordinate and of any
+measures a late bounce by its delay. T is the duration, Q and V are the largest ranges of any coordinate and of any
 velocity of the reference, so that d has no unit. The error of a trajectory is the largest d_i over its states: the
-directed Hausdorff distance from them to the graph. The other direction would add what the trajectory does between two
-of its states, which is the resolution that was asked for and not an error.
+directed Hausdorff distance from the states to the graph. The other direction would add the motion between two states,
+which depends on the chosen resolution and is not an error.
 
-Without velocities, d_i = min over s of |((t_i - s) / T, (q_i - q(s)) / Q)|: the graph of the positions. It
-forgives what a method does to velocities while a collision of several contacts goes on, if that takes little time:
-soft contacts, and time stepping that resolves such a collision over several steps, leave the segment from v- to v+.
+Without velocities, d_i = min over s of |((t_i - s) / T, (q_i - q(s)) / Q)|, the distance from the graph of the
+positions. It ignores the velocities during a short collision of several contacts: soft contacts, and time stepping that
+resolves such a collision over several steps, leave the segment from v- to v+.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,10 +27,10 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial import KDTree
 
-_SAMPLES = 4000  # of all smooth pieces together, to find the piece and the time that are nearest
-_FEWEST = 24  # of one piece
-_NEAR = 2  # pieces before and after the one with the nearest sample that are looked at too
-_ITERATIONS = 8  # of Gauss and Newton on the time of the nearest point, with the slope at the first guess
+_SAMPLES = 4000  # number of samples on all smooth pieces together, to find the nearest piece and time
+_FEWEST = 24  # smallest number of samples on one piece
+_NEAR = 2  # number of pieces before and after the one with the nearest sample that are searched, too
+_ITERATIONS = 8  # Gauss-Newton iterations for the time of the nearest point, with the slope at the first guess
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,9 +38,9 @@ class Arc:
     """A smooth piece of a trajectory.
 
     Attributes:
-        begin: s.
-        end: s.
-        state: from times, (n,), to positions and velocities side by side, (n, 2 nv); defined a little beyond both ends.
+        begin: start time, s.
+        end: end time, s.
+        state: maps times, (n,), to positions and velocities side by side, (n, 2 nv); defined a little beyond both ends.
     """
 
     begin: float
@@ -48,19 +48,19 @@ class Arc:
     state: Callable[[np.ndarray], np.ndarray]
 
     def points(self, times: np.ndarray) -> np.ndarray:
-        """Return (t, q, v) at these times, (n, 1 + 2 nv)."""
+        """Return the points (t, q, v) at these times, (n, 1 + 2 nv)."""
         return np.column_stack([times, self.state(times)])
 
 
 class CompletedGraph:
-    """The graph of a trajectory of smooth pieces, ends joined to beginnings by segments.
+    """The graph of a trajectory of smooth pieces, each joined to the next by a segment.
 
     Args:
         arcs: the pieces in the order of time.
         velocities: whether distances are in (t, q, v), or in (t, q).
 
     Attributes:
-        scale: what t, each q and, if they count, each v are divided by.
+        scale: divisors of t, of each q and, with velocities, of each v.
     """
 
     def __init__(self, arcs: Sequence[Arc], *, velocities: bool = True):
@@ -79,7 +79,7 @@ class CompletedGraph:
         return points[:, : len(self.scale)] / self.scale
 
     def distance(self, points: np.ndarray) -> np.ndarray:
-        """Return the scaled distance of every (t, q, v) from the graph, (n,)."""
+        """Return the scaled distance of every point (t, q, v) from the graph, (n,)."""
         p = self._scaled(points)
         _, nearest = self._tree.query(p)
         piece, time = self._piece[nearest], self._times[nearest]
@@ -94,7 +94,7 @@ class CompletedGraph:
         return best
 
     def _to_arc(self, p: np.ndarray, arc: Arc, guess: np.ndarray) -> np.ndarray:
-        """Return the distance from the nearest point of a smooth piece, by Gauss and Newton on its time."""
+        """Return the distance from the nearest point of a smooth piece, by Gauss-Newton iterations for its time."""
         span = arc.end - arc.begin
         if span <= 0:
             return np.linalg.norm(p - self._scaled(arc.points(np.array([arc.begin]))), axis=1)

@@ -1,4 +1,4 @@
-"""Order of time stepping, averaged over where impacts fall within a step."""
+"""Order of time stepping, averaged over the positions of impacts within a step."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from .scenes import SCENES, Scene
 from .stepping import EULER, reference_graph
 from .trajectories import rigid
 
-_NEIGHBOURS = 1.2  # largest timestep of a group over its smallest
+_NEIGHBOURS = 1.2  # ratio of the largest to the smallest timestep of a group
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,8 +21,8 @@ class OrderStudy:
 
     Attributes:
         scenes: names from `SCENES`.
-        groups: of timesteps, each half as large as the one before, from the scene's largest on.
-        neighbours: timesteps of a group, all within 20 %.
+        groups: number of groups of timesteps, each half as large as the one before, from the scene's largest on.
+        neighbours: number of timesteps of a group, all within 20 %.
     """
 
     scenes: tuple[str, ...] = tuple(SCENES)
@@ -34,8 +34,8 @@ def slope(timesteps: np.ndarray, errors: np.ndarray) -> tuple[float, float]:
     """Return the slope of log(error) over log(timestep), and its standard error.
 
     Args:
-        timesteps: s, (groups,).
-        errors: of every group, (groups, n); their means are taken.
+        timesteps: timestep of each group, s, (groups,).
+        errors: errors of each group, (groups, n), which are averaged.
     """
     fit: Any = linregress(np.log(timesteps), np.log(np.mean(errors, axis=1)))
     return float(fit.slope), float(fit.stderr)
@@ -44,8 +44,8 @@ def slope(timesteps: np.ndarray, errors: np.ndarray) -> tuple[float, float]:
 def time_stepping_orders(study: OrderStudy, progress: Callable[[str], object] = lambda _: None) -> pd.DataFrame:
     """Return one row per scene: the order of time stepping in (t, q) and in (t, q, v), with its standard error.
 
-    The error of one run depends on where in its step each impact falls, which is as good as random. The mean over
-    timesteps close to each other averages that out, as one over many starts would, and needs one reference only.
+    The error of one run depends on where within a step each impact falls, which is as good as random. The mean over
+    neighbouring timesteps averages this out, as a mean over many starts would, but needs a single reference.
 
     Columns: scene; expected; order and its standard error; order with velocities and its standard error; from and to,
     the smallest and the largest group of timesteps, s.

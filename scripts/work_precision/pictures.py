@@ -1,4 +1,4 @@
-"""Pictures of work and precision on log-log axes: run time to the right, error upwards; the lower left is better."""
+"""Work-precision diagrams on log-log axes: run time to the right, error upwards; the lower left is better."""
 
 from pathlib import Path
 from typing import Any
@@ -20,15 +20,15 @@ STYLES = {
 """Colour (distinguishable by the colour-blind), marker and line of each family of methods."""
 COMPACT = ("bouncing ball", "cradle, Moreau", "rod with friction", "quadruped")
 """Scenes of the README's picture."""
-_COLUMNS, _SIZE = 2, 12  # panels beside each other; of letters, points
+_COLUMNS, _SIZE = 2, 12  # panels beside each other; font size, points
 _LEAST = 1e-17  # errors of exactly zero are drawn here
-_MOST = 10.0  # errors from here on, of simulations that have gone astray, are not drawn
+_MOST = 10.0  # larger errors, of simulations that have gone astray, are not drawn
 
 
 def draw(table: pd.DataFrame, path: Path, footer: str) -> None:
-    """Draw one panel per scene, two beside each other, to be read at a width of 800 pixels.
+    """Draw one panel per scene, two beside each other, readable at a width of 800 pixels.
 
-    Every family of methods is the envelope of its runs, the runs themselves faint.
+    Every family of methods is drawn as the envelope of its runs, with the runs themselves as faint marks.
     """
     from matplotlib.figure import Figure
 
@@ -59,7 +59,7 @@ def draw(table: pd.DataFrame, path: Path, footer: str) -> None:
 
 
 def _limit(axes: Any, table: pd.DataFrame) -> None:
-    """Let the axes of a row begin at a power of ten below the least error."""
+    """Set the lower end of the axes of a row to a power of ten below the smallest error."""
     least = float(table.error.clip(_LEAST).min())
     low = 10.0 ** np.floor(np.log10(least) - 0.3)
     step = 4 if low < 1e-10 else 2

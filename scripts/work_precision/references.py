@@ -1,7 +1,7 @@
 """Reference trajectories of the scenes in models/: closed forms, reduced equations of motion, or converged runs.
 
-Each function returns the smooth pieces of the trajectory up to `duration`. None of the closed forms and reduced
-equations uses the package; the billiard break, whose balls fly straight, is rigid stepping with a tighter tolerance.
+Each function returns the smooth pieces of the trajectory up to `duration`. The closed forms and the reduced equations
+do not use the package. The billiard break, whose balls move straight, uses rigid stepping with a tighter tolerance.
 """
 
 import math
@@ -19,15 +19,15 @@ from impactlaw.models import load
 from .graph_distance import Arc
 
 G = 9.81
-_LONGEST = 0.02  # s, of a step of the reduced equations, so that interpolation keeps the integrator's digits
+_LONGEST = 0.02  # s, longest step of the reduced equations, so that interpolation keeps the integrator's digits
 
-_SPACING = 0.004  # s, of the knots that a piece is interpolated between
+_SPACING = 0.004  # s, spacing of the knots of an interpolated piece
 
 Field = Callable[[float, np.ndarray], np.ndarray]
 
 
 def bouncing_ball(duration: float, tolerance: float, height: float = 1.0) -> list[Arc]:
-    """Return parabolas between impacts that halve the speed, from a height in m; exact, whatever the tolerance."""
+    """Return parabolas between impacts that halve the speed, from a height in m; exact for any tolerance."""
     del tolerance
     arcs: list[Arc] = []
     begin, speed = 0.0, 0.0
@@ -49,10 +49,10 @@ def _pendulum_rate() -> float:
 
 
 def cradle_reversal(duration: float, tolerance: float) -> list[Arc]:
-    """Return swings of the last and the first ball in turn, in elliptic functions; exact, whatever the tolerance.
+    """Return swings of the last and the first ball in turn, by elliptic functions; exact for any tolerance.
 
-    ``q'' = -r^2 sin q`` from ``q = 0, q' = w``: ``q = 2 asin(k sn(r t, k))``, ``k = w / (2 r)``, back at q = 0 after
-    ``2 K(k) / r`` with -w.
+    ``q'' = -r^2 sin q`` from ``q = 0, q' = w`` has the solution ``q = 2 asin(k sn(r t, k))`` with ``k = w / (2 r)``,
+    which is back at q = 0 after ``2 K(k) / r`` with ``q' = -w``.
     """
     del tolerance
     rate = _pendulum_rate()
@@ -76,9 +76,9 @@ def cradle_reversal(duration: float, tolerance: float) -> list[Arc]:
 
 
 def cradle_moreau(duration: float, tolerance: float) -> list[Arc]:
-    """Return two pendulums, the first ball and the other four together, that collide elastically.
+    """Return the motion of two pendulums, the first ball and the other four together, that collide elastically.
 
-    Moreau's law with e = 1 gives the four one velocity: ``v+ = 2 p - v-``, p the common velocity.
+    Moreau's law with e = 1 gives the four balls one velocity: ``v+ = 2 p - v-``, where p is the common velocity.
     """
     rate = _pendulum_rate()
 
@@ -101,7 +101,7 @@ def cradle_moreau(duration: float, tolerance: float) -> list[Arc]:
 
 
 def falling_rod(duration: float, tolerance: float) -> list[Arc]:
-    """Return the fall, then the rod turning about its right end, which stays down, and bouncing on its left one.
+    """Return the fall of the rod, then its rotation about the right end, which stays down, while the left end bounces.
 
     With ``z = sin q`` the equation of motion is ``(cos^2 q + 1/3) q'' = cos q (sin q q'^2 - 1)``; an impact of the left
     end reverses q'.
@@ -123,7 +123,7 @@ def falling_rod(duration: float, tolerance: float) -> list[Arc]:
 
 
 def rocking_block(duration: float, tolerance: float) -> list[Arc]:
-    """Return the block turning about one foot, then about the other; each change multiplies q' by 7/10."""
+    """Return the rotations of the block about one foot, then about the other; each change multiplies q' by 7/10."""
     arcs: list[Arc] = []
     begin, y, side = 0.0, np.array([0.125, 0.0]), 1.0
     while begin < duration:
@@ -139,7 +139,7 @@ def rocking_block(duration: float, tolerance: float) -> list[Arc]:
 
 
 def _block_height(side: float, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the height over that of the upright block at the angle q on the foot of this side, and two derivatives."""
+    """Return the height above the upright position, at the angle q on the foot of this side, and two derivatives."""
     s, c = side * 0.125 * np.sin(q), side * 0.125 * np.cos(q)
     return s + 0.5 * np.cos(q) - 0.5, c - 0.5 * np.sin(q), -s - 0.5 * np.cos(q)
 
@@ -147,7 +147,7 @@ def _block_height(side: float, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
 def billiard_break(duration: float, tolerance: float) -> list[Arc]:
     """Return straight flights between the collisions of rigid stepping with a gap tolerance of 100 tolerances, m.
 
-    MuJoCo's integrators are exact on straight flights, so that only the times of the collisions are in error.
+    MuJoCo's integrators are exact on straight flights, so that only the times of collisions have errors.
     """
     model, data = load("billiard_rack")
     model.opt.timestep = duration / 400
@@ -174,7 +174,7 @@ def _on_one_foot(
 ) -> tuple[Field, Callable[[np.ndarray], np.ndarray]]:
     """Return the equation of motion of a unit mass whose height f is a function of its angle q, and its embedding.
 
-    ``(f'^2 + I) q'' + f' f'' q'^2 + g f' = 0``; the embedding is from (q, q') to (f, q, f' q', q').
+    ``(f'^2 + I) q'' + f' f'' q'^2 + g f' = 0``; the embedding maps (q, q') to (f, q, f' q', q').
     """
 
     def field(_: float, y: np.ndarray) -> np.ndarray:
@@ -197,7 +197,7 @@ def _flights(
     span: tuple[float, float],
     tolerance: float,
 ) -> list[Arc]:
-    """Integrate from collision to collision, which are upward crossings of zero by `closing`."""
+    """Integrate from collision to collision; a collision is an upward zero crossing of `closing`."""
     arcs: list[Arc] = []
     begin, y = span[0], start
     while not arcs or not math.isclose(arcs[-1].end, span[1], rel_tol=1e-12):
@@ -217,9 +217,9 @@ def flight(
     *,
     spacing: float = _SPACING,
 ) -> tuple[Arc, np.ndarray]:
-    """Integrate up to the next collision or the end of the span; return that piece and the state at its end.
+    """Integrate up to the next collision or the end of the span; return this piece and the state at its end.
 
-    A collision is an upward crossing of zero by `closing`; the piece is interpolated between knots of this spacing, s.
+    A collision is an upward zero crossing of `closing`. The piece is interpolated between knots with this spacing, s.
     """
 
     def event(t: float, y: np.ndarray) -> float:

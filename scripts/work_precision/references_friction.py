@@ -1,4 +1,4 @@
-"""Reference trajectories of the scenes with friction: a closed form and reduced equations; no stepper is used."""
+"""Reference trajectories of the scenes with friction, by a closed form and reduced equations, without a stepper."""
 
 from collections.abc import Callable
 
@@ -9,13 +9,13 @@ from .graph_distance import Arc
 from .references import G, flight
 from .scenes_friction import FOOT, FRICTION, HALF_LENGTH, LEGS, ROD_FRICTION, ROD_START, SPEED, TIP, quadruped
 
-_FINE = 0.001  # s, of the knots of the quadruped, whose servos are stiff
-_LOOSER = 100  # times the tolerance is that of the quadruped's equations, so far as MuJoCo's functions keep digits
+_FINE = 0.001  # s, spacing of the knots of the quadruped, whose servos are stiff
+_LOOSER = 100  # factor of the tolerance of the quadruped's equations, given the accuracy of MuJoCo's functions
 _INERTIA = 1 / 12  # of the rod, kg m^2
 
 
 def sliding_block(duration: float, tolerance: float) -> list[Arc]:
-    """Return the slide, which ends after v^2 / (2 mu g), and the rest; exact, whatever the tolerance."""
+    """Return the slide, which ends after v^2 / (2 mu g), and the rest afterwards; exact for any tolerance."""
     del tolerance
     slowing = FRICTION * G
     end = SPEED / slowing
@@ -28,11 +28,11 @@ def sliding_block(duration: float, tolerance: float) -> list[Arc]:
 
 
 def rod(duration: float, tolerance: float) -> list[Arc]:
-    """Return the fall, the rod turning about a tip that sticks and slips by turns, and the rest.
+    """Return the fall, the rotation about a tip that sticks and slips in turn, and the rest afterwards.
 
-    With the lower tip down, ``z = a sin q``, the rest is x and q. The forces F along the floor and N normal to it
-    follow from ``gap'' = 0`` and either the velocity of the tip that does not change (it rolls) or ``F = -+ mu N``
-    (it slips). That it sticks in the first impact and the rod stops in the second is checked with the impulses.
+    With the lower tip down, ``z = a sin q``, the remaining coordinates are x and q. The forces F along the floor and N
+    normal to it follow from ``gap'' = 0`` and from either a constant velocity of the tip (it rolls) or ``F = -+ mu N``
+    (it slips). The impulses are checked: the tip sticks in the first impact, and the rod stops in the second.
     """
     a, mu = HALF_LENGTH, ROD_FRICTION
     x, height, q, speed, _, _ = ROD_START
@@ -95,10 +95,10 @@ def _embed(y: np.ndarray) -> np.ndarray:
 
 
 def quadruped_landing(duration: float, tolerance: float) -> list[Arc]:
-    """Return the fall and what follows with all feet held, without slip, by forces of least norm.
+    """Return the fall, and the motion afterwards with all feet held without slip by forces of least norm.
 
-    The equations of motion are MuJoCo's without contacts; feet roll. That no foot slips or lifts off, in the impact and
-    afterwards, is checked with its impulses and forces. The motion is in a plane, so that rotation vectors are angles.
+    The equations of motion are MuJoCo's without contacts; feet roll. The impulses and forces are checked: no foot slips
+    or lifts off, in the impact or afterwards. The motion is planar, so that rotation vectors are angles.
     """
     tolerance *= _LOOSER
     model, data = quadruped()
@@ -143,7 +143,7 @@ def quadruped_landing(duration: float, tolerance: float) -> list[Arc]:
 
 
 def _feet(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rows of the velocities of the feet where they touch, (12, nv), and their rates of change times v."""
+    """Return the Jacobian rows of the feet's contact points, (12, nv), and the rates of change of the rows times v."""
     J, drift = [], []
     for name in LEGS:
         geom, body = model.geom(name).id, int(model.geom(name).bodyid[0])
@@ -158,7 +158,7 @@ def _feet(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarray, np.nd
 def _hold(
     model: mujoco.MjModel, data: mujoco.MjData, J: np.ndarray, rates: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the change of velocities or accelerations that takes these rates of the feet away, and its forces."""
+    """Return the change of velocity or acceleration that cancels these rates of the feet, and the forces it needs."""
     solved = np.zeros_like(J)
     mujoco.mj_solveM(model, data, solved, J)
     forces = np.linalg.lstsq(J @ solved.T, -rates, rcond=1e-10)[0]

@@ -1,4 +1,4 @@
-"""What follows from a table of work and precision: measured orders, lower envelopes, errors at equal run time."""
+"""Results from a work-precision table: measured orders, lower envelopes, errors at equal run time."""
 
 import numpy as np
 import pandas as pd
@@ -7,9 +7,9 @@ from numpy.typing import ArrayLike
 from .scenes import EXACT, SCENES
 from .stepping import LOCATED, TIME_STEPPING
 
-_FLOOR = 2e-11  # smaller errors are those of located gaps and of rounding
-_RUN_TIMES = (0.01, 0.1, 1.0)  # s, at which errors are compared
-_ROUNDING = 1e-12  # error up to which a method counts as exact
+_FLOOR = 2e-11  # smaller errors come from the gap tolerance and from rounding
+_RUN_TIMES = (0.01, 0.1, 1.0)  # s, run times at which errors are compared
+_ROUNDING = 1e-12  # largest error of a method that counts as exact
 
 
 def where(table: pd.DataFrame, rows: ArrayLike) -> pd.DataFrame:
@@ -20,9 +20,9 @@ def where(table: pd.DataFrame, rows: ArrayLike) -> pd.DataFrame:
 def orders(table: pd.DataFrame) -> pd.DataFrame:
     """Return the measured order of each method on each scene beside the expected one.
 
-    The measured order is the slope of log(error) over log(timestep) by least squares, over timesteps up to the scene's
-    coarsest and errors above 2e-11, in (t, q) and in (t, q, v); what is expected is that in (t, q). A method that
-    integrates a scene exactly has none: its largest error is given instead.
+    The measured order is the least-squares slope of log(error) over log(timestep), for timesteps up to the scene's
+    coarsest and errors above 2e-11, in (t, q) and in (t, q, v); the expected order is for (t, q). A method that
+    integrates a scene exactly has no order, but its smallest and largest errors are listed.
     """
     rows = []
     for scene, method in dict.fromkeys(zip(table.scene, table.method, strict=True)):
@@ -44,25 +44,25 @@ def orders(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def envelope(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return the runs that nothing beats: by increasing run time, each with a smaller error than all faster ones."""
+    """Return the best runs, by increasing run time: each has a smaller error than all faster runs."""
     ordered = where(runs, np.isfinite(runs.error)).sort_values("seconds")
     best = ordered.error.cummin()
     return where(ordered, (ordered.error <= best) & ~best.duplicated())
 
 
 def error_at(runs: pd.DataFrame, seconds: np.ndarray) -> np.ndarray:
-    """Return the error of the envelope at these run times, (n,), between its runs by log-log interpolation."""
+    """Return the error of the envelope at these run times, (n,), by log-log interpolation between its runs."""
     best = envelope(runs)
     return np.exp(np.interp(np.log(seconds), np.log(best.seconds), np.log(best.error)))
 
 
 def advantage(table: pd.DataFrame) -> pd.DataFrame:
-    """Return, per scene and way of rigid stepping, the ratio of MuJoCo's least error to its own at equal run time.
+    """Return, per scene and way of rigid stepping, the ratio of MuJoCo's smallest error to its own at equal run time.
 
-    MuJoCo's is the envelope of all of its contacts, tuned or not, with every integrator and timestep. The run times
-    are those of the rigid runs that MuJoCo has run at least as long as. Columns: those of the largest ratio (run time,
-    s; the two errors; ratio); the ratio at a run time of 10, 100 and 1 000 ms, empty where one of the two has no such
-    run; smallest ratio; and the run time up to which MuJoCo is nearer, s, empty where it never is.
+    MuJoCo's error is the envelope over all of its contacts, tuned or not, with every integrator and timestep. Run times
+    are those of the rigid runs, up to MuJoCo's longest run. Columns: run time (s), the two errors and the ratio where
+    the ratio is largest; the ratio at run times of 10, 100 and 1 000 ms, empty where one of the two has no such run;
+    the smallest ratio; and the run time up to which MuJoCo is more accurate, s, empty where it never is.
     """
     rows = []
     for scene in dict.fromkeys(table.scene):
@@ -86,7 +86,7 @@ def advantage(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _ratio_at(ours: pd.DataFrame, theirs: pd.DataFrame, seconds: float) -> float:
-    """Return the ratio of errors at a run time, not a number where one of the two has no runs on both sides of it."""
+    """Return the ratio of errors at a run time; NaN where one of the two has no runs on both sides of it."""
     for runs in (ours, theirs):
         done = where(runs, np.isfinite(runs.error)).seconds
         if not done.min() <= seconds <= done.max():

@@ -1,4 +1,4 @@
-"""The scenes of the study of work and precision, with their laws, references and the orders expected on them."""
+"""The scenes of the work-precision study, with their laws, references and expected orders."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,29 +15,29 @@ from . import scenes_friction as friction
 from .graph_distance import Arc
 
 EXACT = 0.0
-"""Expected order of a method that makes no error but rounding and the tolerance of gaps."""
+"""Expected order of a method that is exact up to rounding and the gap tolerance."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A scene with its law, its reference, and what is known about the orders of methods on it.
+    """A scene with its law, its reference, and the expected orders of methods on it.
 
     Attributes:
-        name: for tables.
+        name: name in tables.
         load: returns the model and its start.
-        law: from the model to the law.
-        duration: s.
-        reference: from duration and tolerance to the pieces of the reference trajectory.
-        restitution: what MuJoCo's contacts are tuned to.
-        smooth_order: of event-driven RK4 between impacts, `EXACT` where it integrates the flight exactly, two where
-            contact is held, and one where it is held against the damping of joints.
-        euler_order: the same of Euler. MuJoCo's is semi-implicit: its positions are those of the leapfrog scheme, of
-            order two, where no force acts at the start and at the impacts, as in the cradle.
-        time_stepping_order: of time stepping; two where no impact is left between steps.
-        coarsest: timestep from which on orders are measured, s; where impacts accumulate it takes smaller ones.
-        smallest: timestep of MuJoCo's tuned contacts, s; so small that they run as long as the event-driven runs.
-        time_stepping_from: timestep from which on the order of time stepping is measured, s. In the cradle under the
-            law of reversal its balls have to be in touch when they are hit, which larger steps do not keep.
+        law: maps the model to the law.
+        duration: simulated time, s.
+        reference: maps duration and tolerance to the pieces of the reference trajectory.
+        restitution: restitution that MuJoCo's contacts are tuned to.
+        smooth_order: order of event-driven RK4 between impacts: `EXACT` where it integrates the flight exactly, two
+            where contact is held, and one where contact is held against the damping of joints.
+        euler_order: order of event-driven Euler. MuJoCo's Euler is semi-implicit: its positions are those of the
+            leapfrog scheme, of order two, where no force acts at the start and at the impacts, as in the cradle.
+        time_stepping_order: order of time stepping; two where no impact falls between steps.
+        coarsest: largest timestep for the measurement of orders, s; smaller where impacts accumulate.
+        smallest: smallest timestep of MuJoCo's tuned contacts, s, so that they run as long as the event-driven runs.
+        time_stepping_from: largest timestep for the measurement of the order of time stepping, s. In the cradle under
+            the reversal law the balls must touch when they are hit, which larger steps do not ensure.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Scenes with friction for the study of work and precision: a block that slides and stops, a rod, a quadruped."""
+"""Scenes with friction for the work-precision study: a block that slides and stops, a rod, a quadruped."""
 
 import mujoco
 import numpy as np
@@ -6,15 +6,15 @@ import numpy as np
 Loaded = tuple[mujoco.MjModel, mujoco.MjData]
 
 FRICTION, SPEED = 0.3, 1.0
-"""The block's coefficient of friction, and the speed that it starts with, m/s."""
+"""The block's coefficient of friction, and its initial speed, m/s."""
 ROD_FRICTION, HALF_LENGTH, TIP = 0.3, 0.5, 0.03
-"""The rod's coefficient of friction, half of its length and the radius of its tips, m; its mass is 1 kg."""
+"""The rod's coefficient of friction, its half length and the radius of its tips, m; its mass is 1 kg."""
 ROD_START = (0.0, 0.4, 0.6, -0.6, 0.0, 0.0)
 """Start of the rod: x, height and angle, and their velocities."""
 LEGS = {"front_left": (0.2, 0.12), "front_right": (0.2, -0.12), "rear_left": (-0.2, 0.12), "rear_right": (-0.2, -0.12)}
-"""Where the hips of the quadruped are on the trunk, m. Its feet bear the names of the legs."""
+"""Positions of the quadruped's hips on the trunk, m; its feet have the names of the legs."""
 FOOT, DROP = 0.02, 0.05
-"""The radius of the quadruped's feet, and how high above the floor they start, m."""
+"""The radius of the quadruped's feet, and their height above the floor at the start, m."""
 STANCE = np.tile([0.6, -1.2], len(LEGS))
 """The angles of hips and knees that the quadruped's servos hold, rad."""
 
@@ -23,7 +23,7 @@ _PLANAR = '<joint name="x" type="slide" axis="1 0 0"/><joint name="z" type="slid
 
 
 def sliding_block() -> Loaded:
-    """Return a block that slides on its four corners; it can move and turn in the plane of its velocity only."""
+    """Return a block that slides on its four corners; it can only move and turn in the plane of its velocity."""
     xml = f"""<mujoco model="sliding_block"><default><geom friction="{FRICTION} 0 0"/></default>{_HEAD}
         <body pos="0 0 .125">{_PLANAR}<joint name="pitch" type="hinge" axis="0 1 0"/>
         <geom name="block" type="box" size=".25 .125 .125" mass="1"/></body></worldbody></mujoco>"""
@@ -33,7 +33,7 @@ def sliding_block() -> Loaded:
 
 
 def rod() -> Loaded:
-    """Return a slanting thin rod above the floor, in a plane.
+    """Return a tilted thin rod above the floor, which moves in a plane.
 
     Its lower tip sticks when it lands, then slips to the right, sticks again, and slips to the left, until the other
     tip lands and the rod stops.
@@ -49,9 +49,9 @@ def rod() -> Loaded:
 
 
 def quadruped() -> Loaded:
-    """Return a robot of 9 kg on four legs of two hinges with servos, feet of condim 3, that drops and comes to stand.
+    """Return a robot of 9 kg with two servo-driven hinges per leg and feet of condim 3, which drops and then stands.
 
-    Both sides of it are alike and its feet land at once.
+    It is symmetric, and its feet land at the same time.
     """
     legs = "".join(
         f"""<body pos="{x} {y} 0"><joint name="{name}_hip"/>

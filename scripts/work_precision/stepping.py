@@ -1,4 +1,4 @@
-"""Work and precision of stepping: error of trajectories against run time, over timesteps, methods and scenes."""
+"""Error of trajectories against run time, over timesteps, methods and scenes."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -17,12 +17,12 @@ from .trajectories import Trajectory, Way, rigid, soft, tuned
 RK4, EULER = int(mujoco.mjtIntegrator.mjINT_RK4), int(mujoco.mjtIntegrator.mjINT_EULER)
 Simulate = Callable[[Scene, mujoco.MjModel, mujoco.MjData, int], Trajectory]
 Graphs = tuple[CompletedGraph, CompletedGraph]
-"""The graph of positions, and that of positions and velocities."""
+"""The graph of the positions, and the graph of positions and velocities."""
 LOCATED, TIME_STEPPING = "event-driven RK4", "time stepping"
 """The methods whose errors are compared with MuJoCo's."""
 TUNED, DEFAULT = "MuJoCo tuned", "MuJoCo default"
-"""Families of MuJoCo's soft contacts: tuned to the restitution, and with solref and solimp of its defaults."""
-_SMALLER = {TUNED: 0.0, TIME_STEPPING: 3e-5}  # families that also get smaller timesteps, and the smallest of all, s
+"""Families of MuJoCo's soft contacts: tuned to the restitution, and with the default solref and solimp."""
+_SMALLER = {TUNED: 0.0, TIME_STEPPING: 3e-5}  # families that also get smaller timesteps, and their lower bounds, s
 
 
 @dataclass(frozen=True)
@@ -30,11 +30,11 @@ class Method:
     """A way to step a scene.
 
     Attributes:
-        name: for tables.
-        family: lines of one family become one line of the picture, its lower envelope.
-        simulate: from scene, model at its timestep, start and number of steps to the trajectory.
-        integrator: MuJoCo's.
-        order: expected, of a scene.
+        name: name in tables.
+        family: methods of one family become one line of the picture, their lower envelope.
+        simulate: maps scene, model with its timestep, start and number of steps to the trajectory.
+        integrator: MuJoCo's integrator.
+        order: maps a scene to the expected order.
     """
 
     name: str
@@ -87,10 +87,10 @@ class SteppingStudy:
 
     Attributes:
         scenes: names from `SCENES`.
-        timesteps: s, of every method.
+        timesteps: timesteps of every method, s.
         methods: names from `METHODS`.
         finest: MuJoCo's tuned contacts and time stepping get timesteps down to this one, or to the scene's smallest if
-            that is larger, s; time stepping none below 3e-5 s, at which it runs longer than all others.
+            that is larger, s. Time stepping gets none below 3e-5 s, where it already runs longer than all others.
     """
 
     scenes: tuple[str, ...] = tuple(SCENES)
@@ -114,10 +114,10 @@ def cells(study: SteppingStudy) -> Iterator[tuple[Scene, Method, float]]:
 def run(study: SteppingStudy, progress: Callable[[str], object] = lambda _: None) -> pd.DataFrame:
     """Return one row per scene, method and timestep.
 
-    Columns: scene; method; family; timestep, s (rounded so that it divides the duration); steps; seconds of
-    processor time of the whole simulation; error, the largest scaled distance of a state from the reference's graph in
-    (t, q) (see `graph_distance`); error_qv, the same in (t, q, v); expected order; reference_error, that of the
-    reference itself; refused, why the simulation was.
+    Columns: scene; method; family; timestep, s (rounded so that it divides the duration); steps; seconds, processor
+    time of the whole simulation; error, the largest scaled distance of a state from the reference's graph in (t, q)
+    (see `graph_distance`); error_qv, the same in (t, q, v); expected_order; reference_error, the error of the reference
+    itself; refused, the reason if the simulation was refused.
     """
     graphs: dict[str, tuple[Graphs, float]] = {}
     rows, last = [], None
@@ -128,13 +128,13 @@ def run(study: SteppingStudy, progress: Callable[[str], object] = lambda _: None
         of_scene, uncertainty = graphs[scene.name]
         if (scene.name, method.name) != last:
             last = scene.name, method.name
-            _row(scene, method, timestep, of_scene)  # loads what is compiled for it
+            _row(scene, method, timestep, of_scene)  # loads compiled code
         rows.append(_row(scene, method, timestep, of_scene) | {"reference_error": uncertainty})
     return pd.DataFrame(rows)
 
 
 def reference_graph(scene: Scene) -> tuple[Graphs, float]:
-    """Return the graphs of the reference, and its distance from a reference with ten times the tolerance."""
+    """Return the graphs of the reference, and its distance to a reference with ten times the tolerance."""
     arcs = scene.reference(scene.duration, 1e-13)
     graphs = CompletedGraph(arcs, velocities=False), CompletedGraph(arcs)
     coarser = scene.reference(scene.duration, 1e-12)

@@ -1,4 +1,4 @@
-"""One simulation of a scene by one method at one timestep: the states it passes through and the time it takes."""
+"""One simulation of a scene by one method at one timestep: the states that it passes through, and its run time."""
 
 import copy
 import time
@@ -12,8 +12,8 @@ import numpy as np
 from impactlaw import ImpactEvent, Law, Stepper
 from impactlaw.comparison.soft_contact import tuned_contacts
 
-_MOST_STATES = 2000  # kept of one trajectory of MuJoCo's
-_SHORT = 0.05  # s; faster runs are timed three times and the fastest counts
+_MOST_STATES = 2000  # largest number of states kept of a trajectory of MuJoCo
+_SHORT = 0.05  # s; shorter runs are timed three times, and the fastest counts
 
 
 Way = Literal["event-driven", "time-stepping", "soft"]
@@ -25,9 +25,9 @@ class Trajectory:
     """States of one simulation.
 
     Attributes:
-        points: t, q and v side by side, (n, 1 + 2 nv), rotations of free bodies as vectors: after every step, and
-            before and after every located impact; of MuJoCo's soft contacts at most 2 000, evenly chosen.
-        seconds: processor time of the whole simulation, which other work on the machine does not add to.
+        points: t, q and v side by side, (n, 1 + 2 nv), with rotations of free bodies as vectors: after every step, and
+            before and after every located impact; for MuJoCo's soft contacts at most some 2 000, evenly spaced.
+        seconds: processor time of the whole simulation, to which other processes do not add.
     """
 
     points: np.ndarray
@@ -37,10 +37,10 @@ class Trajectory:
 def rigid(
     model: mujoco.MjModel, start: mujoco.MjData, law: Law, steps: int, *, way: Way = "event-driven", repeat: bool = True
 ) -> Trajectory:
-    """Simulate with an impact law, collisions located (event-driven) or not (time stepping, soft contacts).
+    """Simulate with an impact law, with located collisions (event-driven) or without (time stepping, soft contacts).
 
-    Steppers are made before the clock starts: the first one of time stepping compiles. Short runs are repeated for the
-    clock's sake.
+    Steppers are made before the clock starts, because the first one of time stepping compiles. Short runs are repeated
+    for better timing.
     """
 
     def simulate() -> Trajectory:
@@ -51,17 +51,17 @@ def rigid(
 
 
 def soft(model: mujoco.MjModel, start: mujoco.MjData, steps: int) -> Trajectory:
-    """Simulate with the model's own contacts; MuJoCo loops in C over the steps between two states that are kept."""
+    """Simulate with the model's own contacts; MuJoCo loops in C over the steps between two kept states."""
     return _repeat(lambda: _mujoco(model, start, steps))
 
 
 def tuned(model: mujoco.MjModel, restitution: float | dict[str, float], steps_in_contact: float) -> mujoco.MjModel:
-    """Return a copy of the model with contacts tuned to the restitution, that last so many timesteps.
+    """Return a copy of the model with contacts that are tuned to the restitution and last a given number of timesteps.
 
     Args:
         model: the scene.
-        restitution: of all contacts, or of each geom by name (its contact with any geom that is not named).
-        steps_in_contact: timesteps that one bounce lasts, see `impactlaw.comparison.soft_contact`.
+        restitution: coefficient of all contacts, or of each geom by name (for contact with geoms that are not named).
+        steps_in_contact: number of timesteps that one bounce lasts, see `impactlaw.comparison.soft_contact`.
     """
     found = copy.deepcopy(model)
     if not isinstance(restitution, dict):
@@ -91,7 +91,7 @@ def _copy(model: mujoco.MjModel, start: mujoco.MjData) -> mujoco.MjData:
 
 
 def _stepped(stepper: Stepper, model: mujoco.MjModel, start: mujoco.MjData, steps: int, *, located: bool) -> Trajectory:
-    """Take the steps one by one; keeping the states costs 1 us of each, little beside a step in Python."""
+    """Take the steps one by one; keeping the state adds 1 us to each, little compared with a step in Python."""
     data, nq = _copy(model, start), model.nq
     states = np.empty((steps + 1, 1 + nq + model.nv))
     states[0] = _state(data)
@@ -119,7 +119,7 @@ def _mujoco(model: mujoco.MjModel, start: mujoco.MjData, steps: int) -> Trajecto
         mujoco.mj_step(model, data, nstep=chunk)
         states.append(_state(data))
     seconds = time.process_time() - begin
-    if every == 1:  # then keeping states costs as much as the steps: time them without
+    if every == 1:  # keeping states takes as long as the steps, so time the steps alone
         data = _copy(model, start)
         begin = time.process_time()
         mujoco.mj_step(model, data, nstep=steps)
@@ -132,7 +132,7 @@ def _state(data: mujoco.MjData) -> np.ndarray:
 
 
 def _points(model: mujoco.MjModel, states: np.ndarray) -> np.ndarray:
-    """Return t, q and v from t, qpos and qvel: the rotation of a free body as a vector, (n, 1 + 2 nv)."""
+    """Return t, q and v from t, qpos and qvel, with the rotation of a free body as a vector, (n, 1 + 2 nv)."""
     nq, nv = model.nq, model.nv
     if nq == nv:
         return states
