@@ -1,4 +1,4 @@
-"""Whether an impact is what its law says, by checks that use nothing of the implementation."""
+"""Checks whether an impact obeys its law, without any part of the implementation."""
 
 from fractions import Fraction
 from itertools import chain, combinations
@@ -11,7 +11,7 @@ from impactlaw.laws import RestitutionLaw
 
 
 def wanted(law: Law, c: Collision) -> np.ndarray:
-    """gamma^h by definition."""
+    """Return gamma^h by definition."""
     if isinstance(law, Poisson):
         return np.zeros(len(c.labels))
     if isinstance(law, LinearMap):
@@ -22,7 +22,7 @@ def wanted(law: Law, c: Collision) -> np.ndarray:
 
 
 def least_impulse(law: Law, impact: Impact) -> np.ndarray:
-    """What the law gives each contact anyway, by definition: ``(1 + e) Lambda_C`` under Poisson's."""
+    """Return the impulses that the law applies in any case: ``(1 + e) Lambda_C`` under Poisson's law."""
     if not isinstance(law, Poisson):
         return np.zeros(len(impact.collision.labels))
     assert impact.compression is not None
@@ -30,7 +30,7 @@ def least_impulse(law: Law, impact: Impact) -> np.ndarray:
 
 
 def whitened_gradients(c: Collision) -> np.ndarray:
-    """``Y = J L^-T``, ``M = L L^T``, by forward substitution."""
+    """Return ``Y = J L^-T``, ``M = L L^T``, by forward substitution."""
     L = np.linalg.cholesky(c.mass_matrix)
     X = np.zeros_like(c.jacobian.T)
     for i, row in enumerate(L):
@@ -39,16 +39,17 @@ def whitened_gradients(c: Collision) -> np.ndarray:
 
 
 class Certificate:
-    """How far an impact is from its law, each relative to the larger of |v-| and |v+| in the kinetic metric.
+    """The errors of an impact with respect to its law, relative to the larger of |v-| and |v+| in the kinetic metric.
 
     Attributes:
-        momentum: of ``M (v+ - v-) - J^T Lambda``, less what rounding to doubles makes of it: that of the impulses, of
-            the sum of their lengths; that of M, of the jump: v+ from a factor of M solves a problem with another M,
-            and the difference counts in the dual kinetic norm by the condition number.
-        complementarity: of ``min(Lambda_i |g_i|, (gamma+_i - gamma^h_i) / |g_i|)``, the largest; Lambda beyond what
-            the law gives anyway, and less the rounding of that.
+        momentum: norm of ``M (v+ - v-) - J^T Lambda``, less the effect of rounding to doubles. Rounding of impulses is
+            relative to the sum of their lengths. Rounding of M is relative to the jump: v+ from a factor of M solves a
+            problem with a slightly different M, and the difference counts in the dual kinetic norm by the condition
+            number.
+        complementarity: largest ``min(Lambda_i |g_i|, (gamma+_i - gamma^h_i) / |g_i|)``, where Lambda is the impulse
+            beyond the one that the law applies in any case, up to its rounding.
 
-    Both are those of the compression where there is one, if that is worse.
+    If the impact has a compression phase, both are at least the errors of this phase.
     """
 
     def __init__(self, impact: Impact, law: Law):
@@ -83,7 +84,7 @@ def assert_certified(impact: Impact, law: Law):
 
 
 def assert_nearest_in_cone(rows: np.ndarray, point: np.ndarray, weights: np.ndarray):
-    """Of the nonnegative combinations of the rows; the rest is orthogonal to it and points out of the cone."""
+    """Assert that the weighted sum of the rows is the point of their cone nearest to a point: the rest points out."""
     nearest = weights @ rows
     assert (weights >= 0).all()
     assert (rows @ (point - nearest) <= 1e-12).all()
@@ -91,16 +92,16 @@ def assert_nearest_in_cone(rows: np.ndarray, point: np.ndarray, weights: np.ndar
 
 
 def is_ray(nu: np.ndarray, c: Collision, law: Law, tol: float = 1e-9) -> bool:
-    """Whether nu proves that ``J v >= gamma^h`` has no solution: nu >= 0, J^T nu = 0, nu^T (gamma^h - gamma-) > 0."""
+    """Return whether nu proves ``J v >= gamma^h`` unsolvable: nu >= 0, J^T nu = 0, nu^T (gamma^h - gamma-) > 0."""
     Y = whitened_gradients(c)
     balanced = np.linalg.norm(nu @ Y) <= tol * np.sum(nu * np.linalg.norm(Y, axis=1))
     return bool((nu >= 0).all() and nu.any() and balanced and nu @ (wanted(law, c) - c.pre_contact_velocity) > 0)
 
 
 def exact_velocity(c: Collision, target: np.ndarray, least: np.ndarray | None = None) -> np.ndarray:
-    """v+ of a law in rational arithmetic, by trying every set of active contacts; for few contacts.
+    """Return v+ of a law in rational arithmetic, by trying every set of active contacts; for few contacts.
 
-    ``least``, (h,), is an impulse that acts anyway.
+    ``least``, (h,), is an impulse that acts in any case.
     """
     M, J, v, wanted = (_rational(a) for a in (c.mass_matrix, c.jacobian, c.pre_velocity[:, None], target[:, None]))
     h = len(J)
@@ -108,7 +109,7 @@ def exact_velocity(c: Collision, target: np.ndarray, least: np.ndarray | None = 
     if least is not None:
         v = v + W.dot(_rational(least[:, None]))
     G, b = J.dot(W), wanted - J.dot(v)
-    rounding = Fraction(1, 10**12) * max(abs(wanted[:, 0]), default=Fraction(0))  # of gamma^h, which came in as doubles
+    rounding = Fraction(1, 10**12) * max(abs(wanted[:, 0]), default=Fraction(0))  # of gamma^h, given in doubles
     for active in chain.from_iterable(combinations(range(h), k) for k in range(h + 1)):
         lam = np.full((h, 1), Fraction(0))
         if active:
@@ -126,7 +127,7 @@ def _rational(a: np.ndarray) -> np.ndarray:
 
 
 def _solve(A: np.ndarray, B: np.ndarray) -> np.ndarray | None:
-    """Gauss-Jordan elimination; None where A is singular."""
+    """Solve by Gauss-Jordan elimination; return None if A is singular."""
     n = len(A)
     T = np.hstack([A, B])
     for i in range(n):
@@ -142,7 +143,7 @@ def _solve(A: np.ndarray, B: np.ndarray) -> np.ndarray | None:
 
 
 def least_norm_error(impulse: np.ndarray, tight: np.ndarray, J: np.ndarray) -> float:
-    """Distance from the conditions of least norm: ``Lambda_i = J_i mu`` where positive, ``J_i mu <= 0`` where zero."""
+    """Return the violation of the least-norm conditions: ``Lambda_i = J_i mu`` if positive, ``J_i mu <= 0`` if zero."""
     A, x = J[tight], impulse[tight]
     zero = x <= 0
     surplus = np.zeros((len(A), int(zero.sum())))

@@ -1,4 +1,4 @@
-"""Fixtures of several tests; every run of the tests draws the same numbers."""
+"""Fixtures of several tests; every run of the tests draws the same random numbers."""
 
 import atexit
 import os
@@ -18,7 +18,7 @@ from impactlaw.recording import Recorder
 hypothesis.settings.register_profile("repeatable", derandomize=True)
 hypothesis.settings.load_profile("repeatable")
 
-if sys.dont_write_bytecode:  # then the hundred processes that tests start would each parse all that they import
+if sys.dont_write_bytecode:  # then each of the hundred processes that tests start would parse all of its imports
     kept = tempfile.mkdtemp(prefix="bytecode-")
     atexit.register(shutil.rmtree, kept, ignore_errors=True)
     os.environ["PYTHONPYCACHEPREFIX"] = kept
@@ -27,20 +27,20 @@ if sys.dont_write_bytecode:  # then the hundred processes that tests start would
 
 @pytest.fixture(autouse=True)
 def repeatable(monkeypatch):
-    """Spaces and environments that nobody seeds draw from seed 0 instead of the system's entropy."""
+    """Seed spaces and environments that are not seeded with 0 instead of the system's entropy."""
     draw = seeding.np_random
     monkeypatch.setattr(seeding, "np_random", lambda seed=None: draw(0 if seed is None else seed))
 
 
 @pytest.fixture
 def quiet(tmp_path, monkeypatch):
-    """MuJoCo writes its warnings into a file where it runs."""
+    """Run in a temporary folder, where MuJoCo may write its warnings to a file."""
     monkeypatch.chdir(tmp_path)
 
 
 @pytest.fixture
 def command(tmp_path, monkeypatch, capsys):
-    """Run the command line in this process, in an empty folder; returns exit code, output and error output."""
+    """Run the command line in this process, in an empty folder; return exit code, output and error output."""
     monkeypatch.chdir(tmp_path)
 
     def call(*arguments):
@@ -64,7 +64,7 @@ def scene():
 
 @pytest.fixture(scope="session")
 def cradle_log(tmp_path_factory):
-    """The recording of a run, and the collisions of that run; only to read."""
+    """The recording of a run, and the collisions of this run; read-only."""
     model, data = load("newtons_cradle")
     path = tmp_path_factory.mktemp("cradle") / "run.rrd"
     stepper, events = Stepper(model, Fremond.reversal()), []

@@ -1,4 +1,4 @@
-"""Environments that tests of their laws share."""
+"""Environments shared by tests of their laws."""
 
 import gymnasium
 import numpy as np
@@ -14,7 +14,7 @@ def juggler(**options):
 
 
 def kept(env, steps=2000):
-    """The part of their speeds that contacts keep in the next collision, from here on."""
+    """Return the part of its speed that each contact keeps in its next collision."""
     inner = env if isinstance(env, ImpactLaw) else env.unwrapped
     for _ in range(steps):
         env.step(np.zeros(env.action_space.shape))

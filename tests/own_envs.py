@@ -1,4 +1,4 @@
-"""What the tests of environments share."""
+"""Shared parts of tests of environments."""
 
 import gymnasium
 import pytest

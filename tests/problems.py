@@ -1,4 +1,4 @@
-"""Collisions and laws that several test files share."""
+"""Collisions and laws shared by several test files."""
 
 from collections.abc import Callable
 
@@ -10,23 +10,23 @@ from impactlaw.laws.registry import REGISTERED
 
 
 def balls(masses, velocities) -> Collision:
-    """Touching balls on a line, gamma_i = v_{i+1} - v_i."""
+    """Return touching balls on a line, gamma_i = v_{i+1} - v_i."""
     n = len(masses)
     return Collision(np.diag(np.asarray(masses, dtype=float)), np.diff(np.eye(n), axis=0), velocities)
 
 
 def launched(n: int, k: int) -> Collision:
-    """n equal balls of which the first k come in with velocity 1."""
+    """Return n equal balls of which the first k come in with velocity 1."""
     return balls(np.ones(n), (np.arange(n) < k).astype(float))
 
 
 def rod() -> Collision:
-    """A uniform rod of mass 1 and length 2 falls flat with velocity 1 on supports under its two ends."""
+    """Return a uniform rod of mass 1 and length 2 that lands flat with velocity 1 on supports under its two ends."""
     return Collision(np.diag([1.0, 1.0 / 3.0]), [[1.0, -1.0], [1.0, 1.0]], [-1.0, 0.0])
 
 
 def box(side: int = 2, tilt: float = 0.0) -> Collision:
-    """A cube of mass 2 and half edge 1 falls with velocity 1 on side x side points of its bottom face."""
+    """Return a cube of mass 2 and half edge 1 that lands with velocity 1 on side x side points of its bottom face."""
     at = np.linspace(-1.0, 1.0, side)
     x, y = (a.ravel() for a in np.meshgrid(at, at))
     J = np.zeros((side * side, 6))
@@ -102,7 +102,7 @@ def _map(c: Collision) -> Law:
 
 OF_SOME = {"routh", "compliant", "any-outcome"}
 
-"""Laws for some collisions only, or that draw: `laws/test_registry.py` tries them, and files of their own."""
+"""Laws for some collisions only, or with random outcomes; `laws/test_registry.py` and files of their own test them."""
 
 LAWS: dict[str, Callable[[Collision], Law]] = {
     "maximal dissipation": lambda c: MaximalDissipation(),
@@ -119,13 +119,13 @@ LAWS: dict[str, Callable[[Collision], Law]] = {
     "linear map": _map,
 }
 
-for _law in REGISTERED:  # a law that is new is tried on every problem as `make_law` makes it
+for _law in REGISTERED:  # a new law is tested on every problem, as `make_law` makes it
     if _law.name not in OF_SOME and not any(title.startswith(_law.name.split("-")[0]) for title in LAWS):
         LAWS[_law.name] = lambda c, law=_law: law.of(0.5)
 
 
 def spd(rng: np.random.Generator, n: int, condition: float) -> np.ndarray:
-    """A random symmetric matrix with eigenvalues over the whole range of the condition number."""
+    """Return a random symmetric matrix whose eigenvalues span the condition number."""
     Q = np.linalg.qr(rng.normal(size=(n, n)))[0]
     d = np.exp(rng.uniform(-0.5, 0.5, n) * np.log(condition))
     d[: min(n, 2)] = [condition**-0.5, condition**0.5][: min(n, 2)]
@@ -134,8 +134,12 @@ def spd(rng: np.random.Generator, n: int, condition: float) -> np.ndarray:
 
 
 def random_collision(rng: np.random.Generator, most: int = 64) -> Collision:
-    """Up to ``most`` contacts: masses 1e-6 to 1e6 or condition to 1e12; dependent, duplicated, nearly parallel and
-    opposite gradients; rows, and columns where the masses are equal, scaled 1e-3 to 1e3; fast, slow and closing."""
+    """Return up to ``most`` random contacts.
+
+    Masses are 1e-6 to 1e6, or condition numbers up to 1e12. Gradients may be dependent, duplicated, nearly parallel or
+    opposite. Rows, and columns where the masses are equal, are scaled by 1e-3 to 1e3. Some collisions are fast, some
+    slow, and in some all contacts close.
+    """
     h = int(np.exp(rng.uniform(0.0, np.log(most + 1))))
     nv = int(rng.integers(1, min(40, 2 * h + 4)))
     shape, inertia, speed = rng.integers(6), rng.integers(3), rng.integers(4)
@@ -181,14 +185,14 @@ def energy(c: Collision, v: np.ndarray) -> float:
 
 
 def sparse_chain(masses, velocities) -> Collision:
-    """Touching balls on a line, M and J sparse."""
+    """Return touching balls on a line, with sparse M and J."""
     n = len(masses)
     J = scipy.sparse.diags_array([-np.ones(n - 1), np.ones(n - 1)], offsets=[0, 1], shape=(n - 1, n))
     return Collision(scipy.sparse.diags_array(np.asarray(masses, dtype=float)), J, velocities)
 
 
 def disks(side: int, rng: np.random.Generator, holes: float = 0.1, compression: float = 1.0) -> Collision:
-    """Disks of random mass on a triangular lattice, of which some are missing; about three contacts each.
+    """Return disks of random mass on a triangular lattice with holes; about three contacts each.
 
     They move towards the middle and at random. Without holes there are more contacts than degrees of freedom.
     """

@@ -1,4 +1,4 @@
-"""Environments that tests of recordings share, and episodes of them."""
+"""Environments shared by tests of recordings, and episodes of them."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ JUGGLER = "impactlaw.envs:impactlaw/Juggler-v0"
 
 
 def play(env, episodes, steps=40):
-    """Random actions; returns what was seen: states, actions and rewards of each episode."""
+    """Take random actions; return the states, actions and rewards of each episode."""
     data = env.unwrapped.data
     rng, seen = np.random.default_rng(0), []
     for episode in range(episodes):

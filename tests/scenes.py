@@ -1,4 +1,4 @@
-"""Scenes of a few lines, steps of them, and what touches in a scene."""
+"""Small scenes, steps of them, and their contacts."""
 
 from itertools import pairwise
 
@@ -17,14 +17,14 @@ WAYS = {
 
 
 def compiled(world, rest="", *, option="", geom=""):
-    """Model and data; ``world`` stands in worldbody, ``rest`` beside it, ``geom`` are defaults of all geoms."""
+    """Return model and data; ``world`` is the worldbody, ``rest`` follows it, ``geom`` sets defaults of all geoms."""
     xml = f"<mujoco><option {option}/><default><geom {geom}/></default><worldbody>{world}</worldbody>{rest}</mujoco>"
     model = mujoco.MjModel.from_xml_string(xml)
     return model, mujoco.MjData(model)
 
 
 def run(stepper, data, steps):
-    """The collisions of as many steps."""
+    """Take steps, and return their collisions."""
     events = []
     for _ in range(steps):
         stepper.step(data)
@@ -33,7 +33,7 @@ def run(stepper, data, steps):
 
 
 def assert_steps_of_mujoco(stepper, data, reference, steps):
-    """Bit for bit those of ``mj_step``, and without a collision."""
+    """Assert that steps equal ``mj_step``, bit for bit, and have no collision."""
     for _ in range(steps):
         stepper.step(data)
         mujoco.mj_step(stepper.model, reference)
@@ -80,7 +80,7 @@ TOUCHING = {
 
 
 def detect(model, data, within=1e-8):
-    """Frames, inertia and contacts up to ``within``, whatever margins the geoms have."""
+    """Update frames and inertia, and find contacts up to ``within``, whatever margins the geoms have."""
     model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
     model.opt.o_margin = within
     mujoco.mj_fwdPosition(model, data)
@@ -97,9 +97,9 @@ HELD = """<mujoco><worldbody><geom type="plane" size="9 9 1"/>
     <geom size=".1" mass="1"/></body></worldbody>
   <equality><joint joint1="held"/></equality>
   <actuator><motor joint="held" gear="0" ctrlrange="-1 1"/></actuator></mujoco>"""
-"""An arm of such a length that a constraint holds on the floor, m, and a ball on it.
+"""An arm whose length lets a constraint hold it on the floor, m, and a ball on it.
 
-The constraint leaves nothing of the contact with the floor; compiled soft steps leave such collisions to Python. If
-that contact closes fast, by `CLOSING` of an arm of 10 m, while the constraint still holds, there are no impulses.
+The constraint leaves no free motion at the contact with the floor; compiled soft steps leave such collisions to
+Python. If this contact closes fast, by `CLOSING` of an arm of 10 m, while the constraint holds, no impulses exist.
 """
 FALLING, CLOSING = (0.0, 0.3, -1.0, 0.0), (0.1, 0.0, 0.0, 0.0)

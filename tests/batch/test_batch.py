@@ -1,4 +1,4 @@
-"""Many worlds step as single ones do, whatever the number of threads."""
+"""Many worlds step exactly as single ones, whatever the number of threads."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def model() -> mujoco.MjModel:
 
 
 def _throw(batch: Batch, seed: int = 0) -> np.ndarray:
-    """Give each world a velocity of its own, and return these."""
+    """Give each world a velocity of its own, and return the velocities."""
     velocity = np.random.default_rng(seed).normal(size=(batch.nsim, batch.model.nv))
     batch.bind("qvel")[:] = velocity
     return velocity
@@ -145,7 +145,7 @@ def test_a_world_fails_alone(model: mujoco.MjModel, contact_model: Any):
 def test_an_error_of_the_engine_is_one_of_its_world(contact_model: Any):
     tight = mujoco.MjModel.from_xml_string(SCENE.replace("<worldbody>", '<size memory="14K"/><worldbody>', 1))
     batch = Batch(tight, Moreau(0.5), 3, 1, contact_model=contact_model)
-    batch.bind("qpos")[0, 2], batch.bind("qpos")[0, 9] = 30.0, 40.0  # nothing is near in world 0
+    batch.bind("qpos")[0, 2], batch.bind("qpos")[0, 9] = 30.0, 40.0  # world 0 is far from any contact
     with pytest.raises(WorldsFailedError, match="memory") as caught:
         for _ in range(200):
             before = batch.state.copy()
@@ -198,7 +198,7 @@ TABLE = """<mujoco><option timestep=".004"/><worldbody>
 
 
 def _shake(position: np.ndarray, quaternion: np.ndarray, step: int, world: int) -> None:
-    """Move the table of a world to where a step is to take it."""
+    """Move the table of a world to its pose at the end of a step."""
     t = 0.004 * step
     position[2] = -0.1 + 0.02 * np.sin((8.0 + world) * t)
     quaternion[:] = np.cos(0.05 * np.sin(3.0 * t)), 0.0, np.sin(0.05 * np.sin(3.0 * t)), 0.0
@@ -234,7 +234,7 @@ def test_surfaces_of_worlds_that_are_reset_stand_still_first():
     batch.step()
     assert batch.bind("time")[1] == 0.004
     for one in (batch, fresh):
-        one.reset([1], 0)  # to the time at which the step has ended
+        one.reset([1], 0)  # to the time at which the step ended
         one.bind("mocap_pos")[1, 0, 2] = -0.05
         one.step([1])
     assert np.array_equal(batch.state[1], fresh.state[1])

@@ -1,4 +1,4 @@
-"""Fields that are inside of mjData, not behind an address in it, can be bound like others."""
+"""Fields that are stored inside mjData, not behind a pointer, can be bound like others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Worlds that fail are as they were before the call, with all that is told of them."""
+"""Worlds that fail keep the state that they had before the call, and so do their counters."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ UNSTABLE = """<mujoco><option timestep="0.002"/><worldbody><geom type="plane" si
   <body pos="0 0 .1"><freejoint/><geom size=".1"/></body>
   <body pos="5 0 3"><joint name="runs" type="slide"/><geom size=".1" mass="1"/></body></worldbody>
   <actuator><general joint="runs" gainprm="0" biastype="affine" biasprm="0 2000 0"/></actuator></mujoco>"""
-"""A ball on a floor, and a body that runs off, the faster the farther it is from z = 3."""
+"""A ball on a floor, and a body that runs away, the faster the farther it is from z = 3."""
 both = pytest.mark.parametrize("contact_model", ["soft", "rigid"])
 
 
@@ -82,13 +82,13 @@ def test_only_worlds_that_were_stepped_have_failed(contact_model):
 
 
 def test_collisions_of_a_call_that_the_engine_ends_do_not_count():
-    """Twelve balls need more of MuJoCo's memory for their contacts than there is; one far from them does not."""
+    """Contacts of twelve balls need more memory than MuJoCo has; the contact of a single ball does not."""
     balls = "".join(f'<body pos="{0.3 * i} 0 .9"><freejoint/><geom size=".1" condim="6"/></body>' for i in range(12))
     first = '<geom type="plane" size="9 9 1"/><body pos="0 3 .11"><freejoint/><geom size=".1" condim="6"/></body>'
     scene = f'<mujoco><size memory="28K"/><worldbody>{first}{balls}</worldbody></mujoco>'
     batch = Batch(mujoco.MjModel.from_xml_string(scene), Moreau(0.5), 2, 1)
     batch.bind("qvel")[:, 2] = -2.0
-    batch.bind("qpos")[0, 9::7] = 50.0  # those of the first world stay in the air
+    batch.bind("qpos")[0, 9::7] = 50.0  # balls of the first world stay in the air
     with pytest.raises(WorldsFailedError, match="out of memory") as caught:
         batch.step(nstep=300)
     assert list(caught.value.worlds) == [1]

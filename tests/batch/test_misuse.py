@@ -1,4 +1,4 @@
-"""A batch that is told nonsense says so, steps nothing, and does not end the process as MuJoCo would."""
+"""A batch refuses wrong arguments with an error before it steps, and does not end the process as MuJoCo would."""
 
 import mujoco
 import numpy as np
@@ -105,7 +105,7 @@ def test_attributes_that_are_set_have_an_effect_or_are_refused(batch):
 
 
 def test_arrays_can_be_written_in_place(batch):
-    """Their values changed, and an error said that they cannot be set."""
+    """Regression: the values changed, but an error said that they cannot be set."""
     batch.restitution *= 2.0
     np.testing.assert_array_equal(batch.restitution, 1.0)
     batch.state += 0.0

@@ -1,4 +1,4 @@
-"""Many worlds take soft steps as single ones do, whatever the number of threads."""
+"""Many worlds take soft steps exactly as single ones, whatever the number of threads."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def compiled(integrator: str = "Euler") -> mujoco.MjModel:
 
 
 def thrown(batch: Batch) -> np.ndarray:
-    """Give each world a velocity of its own, and return these."""
+    """Give each world a velocity of its own, and return the velocities."""
     velocity = np.random.default_rng(0).normal(size=(batch.nsim, batch.model.nv))
     batch.bind("qvel")[:] = velocity
     return velocity
@@ -84,7 +84,7 @@ def test_results_do_not_depend_on_threads(integrator):
 
 
 def held(law=None, steps: int = 3, **options) -> Batch:
-    """Return two worlds, of which the second one has to take its first step in Python."""
+    """Return two worlds; the first step of the second one must be taken in Python."""
     model = mujoco.MjModel.from_xml_string(HELD.format(arm=1))
     batch = Batch(model, law or Moreau(0.0), 2, 1, contact_model="soft")
     for name, values in options.items():
@@ -189,7 +189,7 @@ def test_what_mujoco_cannot_make_a_batch_of_is_refused(contact_model):
 
 @pytest.mark.parametrize("height", [0.1, 0.08])
 def test_a_state_that_is_written_between_rk4_steps_is_taken_as_it_is(height):
-    """The last step has ended without contact; where the ball is put it touches the floor at the start of the next."""
+    """The last step ended without contact; the written position touches the floor at the start of the next step."""
     xml = """<mujoco><option integrator="RK4"/><worldbody><geom type="plane" size="1 1 1"/>
       <body pos="0 0 1"><freejoint/><geom size=".1" condim="1"/></body></worldbody></mujoco>"""
     batch = Batch(mujoco.MjModel.from_xml_string(xml), Moreau(1.0), 2, 1, contact_model="soft")

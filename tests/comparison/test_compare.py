@@ -1,4 +1,4 @@
-"""The main job: one scene under several laws and under MuJoCo's soft contacts."""
+"""Comparison of one scene under several laws and under MuJoCo's soft contacts."""
 
 import inspect
 import math
@@ -48,7 +48,7 @@ def test_mujoco_outcome_of_the_cradle_is_audited_against_the_same_set(cradle):
         row = cradle[1].loc[run]
         outside = collision.admissible_set.distance(row["v+"])
         assert row["distance from S"] == pytest.approx(outside, rel=1e-6)
-        assert outside > 1e-3  # gravity and the contacts' duration take it out of the set of velocity jumps
+        assert outside > 1e-3  # gravity and the duration of the contact lead out of the set of instantaneous jumps
         assert row["admissible"] != "yes"
         assert np.isnan(row["events"])
         assert row["penetration"] > 1e-3
@@ -112,7 +112,7 @@ def test_tuned_soft_contacts_bounce_with_about_their_restitution(restitution):
     soft = soft_outcome(tuned_contacts(model, restitution), data, Moreau(restitution).resolve(collision))
     e = -soft.post_contact_velocity[0] / collision.pre_contact_velocity[0]
     assert e == pytest.approx(restitution, abs=0.05)
-    assert abs(e - restitution) > 1e-6  # MuJoCo's own best is not exact, which is what the laws are for
+    assert abs(e - restitution) > 1e-6  # MuJoCo's tuned contacts are not exact, unlike the laws
 
 
 def test_tuning_leaves_the_scene_alone():
@@ -181,7 +181,7 @@ def test_wrong_input_is_named_and_nothing_is_written(study, error, message, tmp_
 
 
 def test_soft_outcome_on_a_mocap_body_that_was_moved():
-    """MuJoCo's contacts act where the surface is now: the ball comes back, as far as they are tuned."""
+    """MuJoCo's contacts act at the current place of the surface: the ball comes back according to their tuning."""
     model, data = load("juggler")
     data.mocap_pos[0, 2] = data.qpos[0] = 0.3
     data.qvel[0] = -4.0
@@ -217,7 +217,7 @@ def test_the_time_of_a_step_is_without_that_of_loading_the_compiled_solver(monke
         step(self, data)
 
     monkeypatch.setattr(Stepper, "step", first_loads)
-    assert 0.0 < run_law(model, start, "moreau", Moreau(0.5), 3).seconds_per_step < 0.3  # a third of it would be more
+    assert 0.0 < run_law(model, start, "moreau", Moreau(0.5), 3).seconds_per_step < 0.3  # a third of it would be longer
 
 
 DRIVEN = """<mujoco><option gravity="0 0 0" timestep="0.001"/><worldbody>
@@ -229,7 +229,7 @@ DRIVEN = """<mujoco><option gravity="0 0 0" timestep="0.001"/><worldbody>
 
 @pytest.mark.parametrize("gear", [0.0, 20.0])
 def test_mujocos_outcome_is_under_the_controls_of_the_scene(tmp_path, gear):
-    """A cart hits the end of its rail, and a motor pushes it there: under 20 N it does not come back with e = .5."""
+    """A cart hits the end of its rail while a motor pushes it: with 20 N MuJoCo's contact does not return e = 0.5."""
     scene = tmp_path / "cart.xml"
     scene.write_text(DRIVEN.format(gear=gear))
     table = compare(Comparison(scene=str(scene), duration=0.3, restitution=0.5, laws=("moreau",)), tmp_path)
@@ -243,7 +243,7 @@ def test_mujocos_outcome_is_under_the_controls_of_the_scene(tmp_path, gear):
 
 
 def test_mujocos_outcome_is_that_of_the_collision_however_long_the_run_goes_on(tmp_path):
-    """It begins with the activations of the start: those of the end grow with the run."""
+    """MuJoCo's outcome starts with the activations of the start; those of the end grow with the run."""
     scene = tmp_path / "cart.xml"
     motor = '<general joint="rail" dyntype="integrator" gainprm="400"/>'
     scene.write_text(DRIVEN.replace('<motor joint="rail" gear="{gear}"/>', motor))
@@ -260,7 +260,7 @@ ABOVE = """<mujoco><worldbody><geom name="floor" type="plane" size="9 9 1"/>
 
 
 def test_mujocos_outcome_ends_with_the_contacts_that_collide():
-    """A ball above another one hits it while that rebounds: its collision is another one."""
+    """A ball above hits the lower one while it rebounds: this is another collision."""
     model = mujoco.MjModel.from_xml_string(ABOVE)
     data = mujoco.MjData(model)
     run = run_law(model, data, "moreau", Moreau(1.0), 80)
@@ -269,7 +269,7 @@ def test_mujocos_outcome_ends_with_the_contacts_that_collide():
     data.qpos[:] = run.qpos
     outcome = soft_outcome(tuned_contacts(model, 1.0), data, run.first)
     assert outcome.post_velocity[2] == pytest.approx(-outcome.collision.pre_velocity[2], rel=0.1)
-    assert outcome.post_velocity[8] < outcome.collision.pre_velocity[8]  # it falls on
+    assert outcome.post_velocity[8] < outcome.collision.pre_velocity[8]  # it keeps falling
 
 
 def test_names_with_blanks_dollars_and_underscores(tmp_path):

@@ -1,4 +1,4 @@
-"""Files that are all there in the end, or none of them."""
+"""Sets of files that are either complete or not written at all."""
 
 import pytest
 

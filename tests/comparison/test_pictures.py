@@ -1,4 +1,4 @@
-"""The picture of a comparison shows all of its legend."""
+"""The picture of a comparison shows its complete legend."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from impactlaw.comparison.runs import Run
 
 @pytest.mark.parametrize("longest", [1, 12, 26, 60])
 def test_the_legend_is_within_the_picture(monkeypatch, tmp_path, longest: int):
-    """As robots have them: twelve joints with names of up to so many letters."""
+    """As for robots: twelve joints, whose names have up to `longest` letters."""
     figures: list[Figure] = []
     save = Figure.savefig
     monkeypatch.setattr(Figure, "savefig", lambda self, *path, **kw: (figures.append(self), save(self, *path, **kw)))
@@ -30,7 +30,7 @@ def test_the_legend_is_within_the_picture(monkeypatch, tmp_path, longest: int):
 
 
 def test_names_are_drawn_as_they_are(monkeypatch, tmp_path):
-    """Dollars begin no formula, and an underscore keeps no line out of the legend."""
+    """Dollar signs do not start a formula, and a leading underscore does not remove a line from the legend."""
     figures: list[Figure] = []
     save = Figure.savefig
     monkeypatch.setattr(Figure, "savefig", lambda self, *path, **kw: (figures.append(self), save(self, *path, **kw)))

@@ -1,4 +1,4 @@
-"""Single runs of a comparison: where they begin, and what ends them."""
+"""Single runs of a comparison: their starts and their ends."""
 
 import sys
 
@@ -10,7 +10,7 @@ from impactlaw.recording import read_log
 
 
 def test_recordings_begin_with_the_start(tmp_path):
-    """All the energy of the wedge is lost in the first step."""
+    """The wedge loses all of its energy in the first step, so that only the start shows it."""
     compare(Comparison(scene="wedge", laws=("maximal-dissipation",), duration=0.1), tmp_path)
     for run in ("maximal-dissipation", "mujoco", "mujoco-tuned"):
         time, energy = read_log(tmp_path / f"{run}.rrd").series("energy/total")
@@ -21,7 +21,7 @@ def test_recordings_begin_with_the_start(tmp_path):
 def test_a_law_that_does_not_fit_a_collision_is_refused_and_the_others_run(tmp_path):
     table = compare(Comparison(scene="ball_chain", laws=("moreau", "routh"), duration=0.05), tmp_path).set_index("run")
     assert "one contact at a time" in table.loc["routh", "refused"]
-    assert "routh was refused: " in format_table(table.reset_index())  # which has no collision to tell of
+    assert "routh was refused: " in format_table(table.reset_index())  # the refused run has no collision to report
     assert table["refused"].drop("routh").tolist() == ["", "", ""]
     assert {f"{run}.rrd" for run in table.index} <= {path.name for path in tmp_path.iterdir()}
 
@@ -44,7 +44,7 @@ SPRING = """<mujoco><option timestep=".01"/><worldbody>
 
 @pytest.mark.parametrize("stiffness", ["1e7", "1e300"])
 def test_a_run_of_mujoco_that_diverges_ends_there(stiffness, tmp_path):
-    """MuJoCo goes on from the initial state, whose time is 0 again; of the stiffer one after the first steps."""
+    """MuJoCo resets to the initial state at time 0; with the larger stiffness this happens after the first steps."""
     scene = tmp_path / "spring.xml"
     scene.write_text(SPRING.format(stiffness=stiffness))
     table = compare(Comparison(scene=str(scene), laws=("moreau",), duration=0.5), tmp_path).set_index("run")

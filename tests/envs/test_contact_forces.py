@@ -1,4 +1,4 @@
-"""The impulses of the law in cfrc_ext, as MuJoCo's contact forces are there."""
+"""The impulses of the law in cfrc_ext, with the convention of MuJoCo's contact forces."""
 
 import copy
 
@@ -46,7 +46,7 @@ def momentum(env):
 
 
 def fall(env, steps):
-    """Forces on the body and changes of its momentum, per step."""
+    """Return the force on the body and the change of its momentum in each step."""
     env.reset(seed=0)
     force, change = [], []
     for _ in range(steps):
@@ -59,18 +59,18 @@ def fall(env, steps):
 
 @pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
 def test_the_forces_on_a_ball_that_is_dropped_are_its_change_of_momentum(restitution):
-    """``dt sum(F) = m (v - v0) - m g t`` over the landing, and in each step of it."""
+    """``dt sum(F) = m (v - v0) - m g t`` over the landing, and in each of its steps."""
     env = ImpactLaw(Thrown(), "moreau", restitution, impulse_in_cfrc_ext=True)
     force, change, dt = fall(env, 150)
     np.testing.assert_allclose(force * dt, change - 2.0 * G * dt, atol=1e-12)
-    assert (force * dt)[:, 2].max() > 2.0 * (1.0 + restitution) * 1.9  # landed with 1.98 m/s
+    assert (force * dt)[:, 2].max() > 2.0 * (1.0 + restitution) * 1.9  # it landed with 1.98 m/s
     without = fall(ImpactLaw(Thrown(), "moreau", restitution), 150)[0]
     assert np.abs(without * dt)[:, 2].max() < 0.5
 
 
 @pytest.mark.parametrize("condim", [1, 3, 4, 6])
 def test_friction_is_in_it(condim):
-    """A capsule lands askew and slides, rolls and turns: forces are its change of momentum, in all directions."""
+    """A tilted capsule lands and slides, rolls and turns: forces match its change of momentum in all directions."""
     body = Thrown(CAPSULE.format(condim), velocity=(1.0, 0.5, -2.0, 3.0, -1.0, 2.0))
     env = ImpactLaw(body, "moreau", 0.3, impulse_in_cfrc_ext=True)
     force, change, dt = fall(env, 250)
@@ -81,7 +81,7 @@ def test_friction_is_in_it(condim):
 
 @pytest.mark.parametrize("condim", [1, 3, 6])
 def test_torques_are_changes_of_angular_momentum(condim):
-    """About the center of mass: ``dL = h tau`` in the step of the landing, but for gyroscopic forces."""
+    """About the centre of mass, ``dL = h tau`` in the step of the landing, up to gyroscopic forces."""
     env = ImpactLaw(
         Thrown(CAPSULE.format(condim), velocity=(0.5, 0.2, -3.0, 0.0, 0.0, 0.0)),
         "moreau",
@@ -90,13 +90,13 @@ def test_torques_are_changes_of_angular_momentum(condim):
     )
     env.reset(seed=0)
     model, data = env.unwrapped.model, env.unwrapped.data
-    while True:  # turns for the first time by the collision
+    while True:  # it turns only after the collision
         before = data.qvel.copy()
         env.step(np.zeros(0))
         if env.events:
             break
     M = np.zeros((6, 6))
-    mujoco.mj_fullM(model, data, M)  # of the start of the step
+    mujoco.mj_fullM(model, data, M)  # at the start of the step
     R = data.xmat[1].reshape(3, 3)
     change = R @ (M @ (data.qvel - before))[3:]
     gyroscopic = np.abs(data.qvel[3:]).max() ** 2 * np.diag(M)[3:].max() * env.unwrapped.dt
@@ -106,7 +106,7 @@ def test_torques_are_changes_of_angular_momentum(condim):
 
 @pytest.mark.parametrize("name", ["Ant-v5", "Humanoid-v5"])
 def test_the_convention_is_mujocos(name):
-    """Contact forces of MuJoCo, given as impulses of a law would be, lead to MuJoCo's own cfrc_ext."""
+    """MuJoCo's contact forces, passed like impulses of a law, lead to MuJoCo's own cfrc_ext."""
     env = gymnasium.make(name).unwrapped
     env.reset(seed=0)
     model, data = env.model, env.data
@@ -134,7 +134,7 @@ def test_the_convention_is_mujocos(name):
 
 @pytest.mark.parametrize("skip", [1, 4, 10])
 def test_impulses_of_all_timesteps_of_a_step_count(skip):
-    """Whichever timestep the ball lands in, its impulse over the duration of the step is added."""
+    """In whichever timestep the ball lands, its impulse over the duration of the step is added."""
     env = ImpactLaw(Thrown(frame_skip=skip), "moreau", 0.5, impulse_in_cfrc_ext=True)
     plain = ImpactLaw(Thrown(frame_skip=skip), "moreau", 0.5)
     env.reset(seed=0), plain.reset(seed=0)
@@ -151,7 +151,7 @@ def test_impulses_of_all_timesteps_of_a_step_count(skip):
 
 
 def test_without_a_collision_nothing_changes():
-    """Observations and rewards, cfrc_ext among them, are those of MuJoCo, bit for bit."""
+    """Observations and rewards, with cfrc_ext, are MuJoCo's, bit for bit."""
     env = ImpactLaw(gymnasium.make("Ant-v5"), "moreau", 0.5, impulse_in_cfrc_ext=True, rest_speed=1e9)
     plain = gymnasium.make("Ant-v5")
     env.reset(seed=0), plain.reset(seed=0)
@@ -164,7 +164,7 @@ def test_without_a_collision_nothing_changes():
 
 
 def landing(env):
-    """The largest contact cost of an Ant that is dropped from 1.5 m, mean over postures."""
+    """Return the largest contact cost of an Ant that is dropped from 1.5 m, averaged over postures."""
     largest = []
     for seed in range(8):
         env.reset(seed=seed)
@@ -178,7 +178,7 @@ def landing(env):
 
 
 def test_ant_pays_for_a_hard_landing():
-    """The order of what MuJoCo charges, where it was a tenth."""
+    """The cost has the order of MuJoCo's; without the impulses it is a tenth."""
     options = {"contact_cost_weight": 1e-6, "contact_force_range": (-1e6, 1e6), "terminate_when_unhealthy": False}
     mujocos = landing(gymnasium.make("Ant-v5", **options))
     free = landing(ImpactLaw(gymnasium.make("Ant-v5", **options), "moreau", 0.0))

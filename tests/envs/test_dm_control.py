@@ -1,4 +1,4 @@
-"""Laws in bare dm_control environments, suite and composer, and in their copies through shimmy."""
+"""Laws in bare dm_control environments, from suite and composer, and in their versions wrapped by shimmy."""
 
 import copy
 import pickle
@@ -26,7 +26,7 @@ def test_a_law_that_changes_nothing_in_bare_dm_control(task, legacy_step):
     placed = put_law(envs[0], LinearMap(np.eye(nv)), on_inadmissible="allow")
     spec, rng = envs[0].action_spec(), np.random.default_rng(0)
     collisions = 0
-    for _ in range(1001):  # an episode and the reset after it
+    for _ in range(1001):  # an episode, and the reset after it
         action = rng.uniform(spec.minimum, spec.maximum)
         got, wanted = (env.step(action) for env in envs)
         assert got.step_type == wanted.step_type
@@ -117,7 +117,7 @@ def test_rigid_contacts():
     for _ in range(49):
         env.step([])
         heights.append(env.physics.data.qpos[2])
-        assert env.physics.data.xpos[-1, 2] == heights[-1]  # legacy_step: everything is current
+        assert env.physics.data.xpos[-1, 2] == heights[-1]  # legacy_step: all derived quantities are current
     assert min(heights) > radius - 1e-9
     assert max(heights[20:]) == pytest.approx(0.4, abs=0.01)
     placed.remove()

@@ -1,4 +1,4 @@
-"""Drives keep to their stroke and acceleration; what they move hits with its own velocity, in rigid stepping."""
+"""Drives keep their stroke and acceleration; in rigid stepping a driven surface hits with its own velocity."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ def test_a_drive_keeps_to_stroke_and_acceleration(timestep):
     drive, rng = Drive(stroke=0.25, acceleration=45.0), np.random.default_rng(1)
     place = speed = farthest = fastest = 0.0
     for i in range(3000):
-        part = rng.uniform(-1, 1) if (i // 300) % 2 else np.sign(np.sin(i * timestep))  # and from end to end
+        part = rng.uniform(-1, 1) if (i // 300) % 2 else np.sign(np.sin(i * timestep))  # and also from end to end
         before, (place, speed) = speed, drive.advance(place, speed, part, timestep)
         assert abs(place) <= 0.25 + 1e-12
         assert abs(speed - before) <= 45.0 * timestep * (1 + 1e-9)
@@ -32,7 +32,7 @@ def test_a_drive_moves_as_it_is_told_within_its_stroke():
 
 
 def test_the_drives_of_the_environments_never_strike():
-    """Changes of velocity from timestep to timestep are accelerations to `Surfaces`, not blows."""
+    """For `Surfaces`, the changes of velocity from timestep to timestep are accelerations, not blows."""
     juggler, block = bare("impactlaw/Juggler-v0"), bare("impactlaw/RockingBlock-v0")
     assert juggler.model.opt.timestep * PADDLE.acceleration < BLOW
     size, place = block.model.geom("platform").size, block.model.geom("platform").pos
@@ -42,7 +42,7 @@ def test_the_drives_of_the_environments_never_strike():
 
 @pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
 def test_the_paddle_hits_with_its_own_velocity(e):
-    """v+ = -e v- + (1 + e) w, with w of constant acceleration through the timesteps."""
+    """v+ = -e v- + (1 + e) w, where w has constant acceleration during the timesteps."""
     env = bare("impactlaw/Juggler-v0", frame_skip=1, restitution=e)
     env.reset(seed=2)
     env.data.qpos[0], env.data.qvel[0] = 0.4, -1.0
@@ -63,7 +63,7 @@ def test_the_paddle_hits_with_its_own_velocity(e):
 
 
 def test_the_platform_tilts_and_lifts_the_block():
-    """A block at rest on the platform goes along with it, and the impacts' energy is the platform's work."""
+    """A block at rest on the platform moves along with it, and the energy of impacts is the work of the platform."""
     env = bare("impactlaw/RockingBlock-v0")
     env.reset(seed=0)
     env.data.qpos[:] = env.data.qvel[:] = 0
@@ -88,7 +88,7 @@ def test_episodes_start_where_the_drive_is_at_rest(name):
     assert env.driven == (0.0, 0.0)
     assert not all(np.array_equal(*both) for both in zip(pose, (env.data.mocap_pos, env.data.mocap_quat), strict=True))
     env.data.qpos[0] += 0.5
-    *_, info = env.step(np.array([1.0]))  # the way back to the start is no motion: it would hit
+    *_, info = env.step(np.array([1.0]))  # the way back to the start is not a motion, which would hit the ball
     assert info["impact/count"] == 0
 
 

@@ -1,4 +1,4 @@
-"""Every registered environment keeps gymnasium's contract and this package's."""
+"""Every registered environment obeys gymnasium's API and the conventions of this package."""
 
 import copy
 import pickle
@@ -28,7 +28,7 @@ from impactlaw.laws import (
 
 
 def rollout(env, steps, seed=0, actions_seed=0):
-    """Observations, rewards and infos of random actions, through ends of episodes."""
+    """Return observations, rewards and infos of random actions, across ends of episodes."""
     rng = np.random.default_rng(actions_seed)
     observation, info = env.reset(seed=seed)
     seen = [(observation, 0.0, info)]
@@ -93,7 +93,7 @@ def test_package_exports_the_environments():
         assert getattr(impactlaw.envs, entry.partition(":")[2]) is type(bare(name))
 
 
-# Gymnasium's contract
+# Gymnasium's API
 
 
 @every_env

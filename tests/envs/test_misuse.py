@@ -1,4 +1,4 @@
-"""Environments that are told nonsense, and pictures of several of them."""
+"""Environments with wrong arguments, and pictures of several environments."""
 
 import ctypes.util
 import os
@@ -27,7 +27,7 @@ pytestmark = theirs
     ("name", "bad"),
     [
         *((name, bad) for name in ("Hopper-v5", "Ant-v5") for bad in (np.nan, np.inf, 1e11)),
-        *((("hopper", "hop"), bad) for bad in (np.nan, np.inf)),  # dm_control clips what is huge
+        *((("hopper", "hop"), bad) for bad in (np.nan, np.inf)),  # dm_control clips large values
     ],
     ids=str,
 )
@@ -48,7 +48,7 @@ def test_an_action_that_is_not_finite_ends_the_episode(name, contact_model, bad)
 
 
 class Spoiling(gymnasium.ActionWrapper):
-    """Somebody's wrapper that divides by zero."""
+    """A wrapper from elsewhere that divides by zero."""
 
     def action(self, action):
         return np.full_like(action, np.nan)
@@ -81,7 +81,7 @@ def test_actions_that_are_no_numbers():
 
 
 class WithOptions(gymnasium.Wrapper):
-    """Somebody's wrapper whose reset has options of its own."""
+    """A wrapper from elsewhere whose reset has options of its own."""
 
     def reset(self, *, seed=None, options=None):
         return self.env.reset(seed=seed)

@@ -1,4 +1,4 @@
-"""Scripted controllers solve the environments under their law, and what the law changes has the closed form."""
+"""Scripted controllers solve the environments under their law, and the effect of the law has the closed form."""
 
 import gymnasium
 import numpy as np

@@ -1,4 +1,4 @@
-"""Collisions that a known law has made, for tests of what is found again."""
+"""Collisions made by a known law, for tests of identification."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from impactlaw import Collision, Fremond
 
 
 def system(h: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mass matrix, h independent gradients, and E with ``|G^-1/2 E G^1/2|_2`` below 1."""
+    """Return a mass matrix, h independent gradients, and E with ``|G^-1/2 E G^1/2|_2`` below 1."""
     nv = h + 2
     A, J = rng.normal(size=(nv, nv)), rng.normal(size=(h, nv))
     M = A @ A.T + np.eye(nv)
@@ -17,7 +17,7 @@ def system(h: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np
 
 
 def active_collisions(h: int, n: int, seed: int, noise: float = 0.0):
-    """E, and collisions after which ``gamma+ = -E gamma-``, each contact with an impulse, with relative errors."""
+    """Return E and collisions with ``gamma+ = -E gamma-``, each contact with an impulse, with relative errors."""
     rng = np.random.default_rng(seed)
     M, J, E = system(h, rng)
     G, R = J @ np.linalg.solve(M, J.T), np.linalg.cholesky(M)
@@ -34,7 +34,7 @@ def active_collisions(h: int, n: int, seed: int, noise: float = 0.0):
 
 
 def open_collisions(h: int, n: int, seed: int):
-    """E, and collisions resolved by it at random velocities: some contacts open without an impulse."""
+    """Return E and collisions resolved by it from random velocities; some contacts open without an impulse."""
     rng = np.random.default_rng(seed)
     M, J, E = system(h, rng)
     collisions = [Collision(M, J, rng.normal(size=h + 2)) for _ in range(n)]

@@ -1,4 +1,4 @@
-"""Tables of collisions, and the command line on them."""
+"""Tables of collisions, and the command line that reads them."""
 
 import json
 import sys
@@ -23,7 +23,7 @@ def run_cli(monkeypatch, capsys, *words):
 
 
 def row(c: Collision, after, **more):
-    """A row of a table of contact velocities."""
+    """Return a row of a table of contact velocities."""
     lists = {
         "contacts": list(c.labels),
         "pre_contact_velocity": c.pre_contact_velocity.tolist(),

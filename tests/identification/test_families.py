@@ -1,4 +1,4 @@
-"""Families of a few parameters: found again, intervals, drops of an ellipse, chains of springs."""
+"""Laws with few parameters: fitted again, confidence intervals, drops of an ellipse, chains of springs."""
 
 import numpy as np
 import pytest
@@ -59,7 +59,7 @@ def test_friction_found_again(family, law):
 
 
 def test_intervals_cover():
-    """Errors of the same relative size everywhere: 95 % intervals hold the truth in 90 to 98 %."""
+    """With equal relative errors everywhere, 95 % intervals contain the true value in 90 to 98 % of cases."""
     collisions, hits = chain_collisions(40, 3), 0
     clean = [Newton([0.4, 0.7]).resolve(c).post_velocity for c in collisions]
     for seed in range(150):
@@ -76,7 +76,7 @@ def test_intervals_cover():
 
 @pytest.mark.parametrize("few", [2, 3])
 def test_intervals_cover_a_contact_that_few_collisions_tell(few):
-    """Ten other collisions say nothing about its coefficient."""
+    """Ten other collisions carry no information about its coefficient."""
     hits, law = 0, Newton({"a/b": 0.4, "b/c": 0.7})
     for seed in range(100):
         rng = np.random.default_rng([12, seed])
@@ -99,7 +99,7 @@ def test_one_collision_tells_no_interval():
 
 @pytest.mark.parametrize(("family", "law"), [("newton", Newton), ("poisson", Poisson)])
 def test_many_contacts_have_a_coefficient_each(family, law):
-    """Forty contacts, two places to begin for each: all combinations would be 10^12."""
+    """Forty contacts with two starting values each: all combinations would be 10^12."""
     truth = np.linspace(0.2, 0.9, 40)
     labels = tuple(f"b{i}/floor" for i in range(40))
     cs = [Collision(np.eye(40), np.eye(40), -1.0 - 0.1 * (np.arange(40) + k) % 3, labels=labels) for k in range(2)]
@@ -152,7 +152,7 @@ def test_the_audit_finds_an_inertia():
         collisions.append(Collision(wrong, J, v))
     causes = {cause.name: cause.value for cause in audit(collisions, after).likely_causes}
     assert causes["inertia 2 times"] == pytest.approx(1 / 3, rel=1e-3)
-    assert causes["inertia 1 times"] == pytest.approx(3.0, rel=1e-3)  # only their ratio can be told
+    assert causes["inertia 1 times"] == pytest.approx(3.0, rel=1e-3)  # only the ratio can be identified
 
 
 def test_hertzian_chains():
@@ -175,7 +175,7 @@ def test_paths_go_between_corners():
 
 
 def test_every_family_or_a_reason():
-    """A new family of the registry is tried here by itself."""
+    """A new family in the registry is tested here automatically."""
     frictionless, frictional = chain_collisions(10), [one_contact(np.random.default_rng([5, i])) for i in range(10)]
     for name in FAMILIES:
         fitted = 0
@@ -229,7 +229,7 @@ def test_refusals():
 
 @pytest.mark.parametrize("ratio", [7.0, -7.0])
 def test_springs_of_very_different_stiffness_are_found(ratio):
-    """The search has local minima: from equal stiffness alone it ends in one."""
+    """The search has local minima: started from equal stiffness only, it ends in one of them."""
     rng = np.random.default_rng(0)
     law = Compliant({"a": 1.0, "b": float(np.exp(ratio))}, restitution=0.9)
     collisions = []

@@ -58,7 +58,7 @@ def test_drops_of_a_ball_need_two_columns(tmp_path):
 
 @pytest.mark.parametrize("old", [False, True])
 def test_recordings_of_any_version(tmp_path, monkeypatch, old):
-    """A law's own recording gives it back; without the column, too, since G is the same in all of these collisions."""
+    """A law is found in its own recording, also without the column of G, which is constant in this recording."""
     if old:
         without = {name: kind for name, kind in COLLISION_COLUMNS.items() if name != "delassus"}
         monkeypatch.setattr(writer, "COLLISION_COLUMNS", without)
@@ -167,7 +167,7 @@ def drops(bounce, n, contacts, wrong=1.0):
 
 
 def test_counts_audit_and_picture_are_those_of_the_contacts_that_are_chosen(tmp_path, monkeypatch, capsys):
-    """The others gain energy: most of all collisions are no collisions."""
+    """The collisions of the other contacts, most of the file, gain energy."""
     path = table(tmp_path / "data.csv", drops(0.8, 40, "a/floor", wrong=5.0) + drops(0.2, 10, "b/floor"))
     words = ("--family", "newton", "--out", tmp_path / "law.json")
     code, _, said = run_cli(monkeypatch, capsys, "identify", path, *words)
@@ -177,7 +177,7 @@ def test_counts_audit_and_picture_are_those_of_the_contacts_that_are_chosen(tmp_
     code, said, _ = run_cli(monkeypatch, capsys, "identify", path, *words, "--contacts", "b/floor")
     assert (code, said.splitlines()[0]) == (0, "10 collisions, 100% admissible within 0.1 |v-|; 5 folds")
     assert "restitution 0.2000" in said
-    assert drawn == [1] * 10 + [2]  # and the diagonal
+    assert drawn == [1] * 10 + [2]  # one point per collision, and the diagonal
 
 
 def test_one_collision_of_the_contacts_that_are_chosen_is_too_few(tmp_path):
@@ -196,7 +196,7 @@ def test_law_and_picture_are_both_written_or_none_of_them(tmp_path, monkeypatch,
 
 
 def test_an_empty_cell_of_a_recording_is_empty_in_csv_too(tmp_path):
-    """As that of a matrix of too many contacts to be recorded: it follows from impulses."""
+    """As for a matrix of too many contacts to be recorded, which follows from impulses."""
     rows = [row | {"delassus": "[]"} for row in chain_rows()]
     expected = [[1.5, -0.5], [-0.5, 0.5 + 1 / 1.5]]
     collisions, _ = read_collisions(table(tmp_path / "data.csv", rows))

@@ -1,4 +1,4 @@
-"""Malformed files of collisions, and options that do not fit, are told in one line."""
+"""Malformed files of collisions, and options that do not fit, are reported in one line."""
 
 import json
 
@@ -24,7 +24,7 @@ def test_files_that_hold_no_law(tmp_path, text, message):
 
 
 def changed(number=0, **cells):
-    """Rows of a chain of which one has other cells; None takes the column away."""
+    """Return the rows of a chain, with other cells in one of them; None removes the column."""
     rows = chain_rows()
     for name, cell in cells.items():
         if cell is None:

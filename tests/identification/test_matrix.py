@@ -1,4 +1,4 @@
-"""A full restitution matrix: found again, certified, as good as a semidefinite program, honest about its rank."""
+"""A full restitution matrix: fitted again, certified, as good as a semidefinite program, with an honest rank."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def test_known_matrix_with_open_contacts(h):
     E, collisions, after = open_collisions(h, 40 * h, h)
     found = fit(collisions, after, "fremond")
     np.testing.assert_allclose(found_matrix(found, collisions[0]), E, rtol=0, atol=1e-10)
-    # plain least squares, which takes open contacts for equations, is far off
+    # plain least squares, which treats open contacts as equations, is far off
     gamma = np.array([c.pre_contact_velocity for c in collisions])
     plus = np.array([c.jacobian @ v for c, v in zip(collisions, after, strict=True)])
     plain = -np.linalg.lstsq(gamma, plus, rcond=None)[0].T
@@ -52,7 +52,7 @@ def test_certificate_is_never_above_one(seed):
     h = 1 + seed % 4
     rng = np.random.default_rng([1, seed])
     collisions = active_collisions(h, 12 * h, seed)[1]
-    after = [v.pre_velocity - 2.4 * rng.uniform() * v.pre_velocity for v in collisions]  # grows
+    after = [v.pre_velocity - 2.4 * rng.uniform() * v.pre_velocity for v in collisions]  # energy may grow
     found = fit(collisions, after, "fremond")
     assert found.certificate <= 1.0 + 1e-12
     E, G = found_matrix(found, collisions[0]), collisions[0].delassus
@@ -61,7 +61,7 @@ def test_certificate_is_never_above_one(seed):
 
 
 def semidefinite(q: Quadratic, h: int) -> np.ndarray:
-    """The minimum over |F|_2 <= 1 by Clarabel: ``(1 F; F^T 1) >= 0``."""
+    """Return the minimum over |F|_2 <= 1 by Clarabel: ``(1 F; F^T 1) >= 0``."""
     import clarabel
 
     n, side = h * h, 2 * h
@@ -78,7 +78,7 @@ def semidefinite(q: Quadratic, h: int) -> np.ndarray:
             place += 1
     A = sparse.csc_matrix((values, (rows, columns)), shape=(place, n))
     found = []
-    for tolerance in (1e-12, 1e-14):  # it may stall on the way to the smaller one
+    for tolerance in (1e-12, 1e-14):  # it may stall before it reaches the smaller tolerance
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
@@ -171,7 +171,7 @@ def test_intervals_cover():
 
 
 def test_intervals_cover_a_contact_that_few_collisions_close():
-    """The row of E of a contact is told by the collisions alone in which it carries an impulse."""
+    """Only collisions in which a contact carries an impulse determine its row of E."""
     E, hits = np.array([[0.3, 0.1], [0.05, 0.5]]), 0
     for seed in range(60):
         rng, cs = np.random.default_rng([14, seed]), []
@@ -201,7 +201,7 @@ def test_mixed_sets_are_refused_and_chosen():
 
 
 def test_a_text_is_the_label_of_one_contact():
-    """Not the set of its letters."""
+    """It is not read as the set of its letters."""
     one = [Collision(np.eye(2), [[-1.0, 1.0]], [1.0, 0.0], labels=("a/b",))] * 5
     other = [balls(np.ones(3), [1.0, 0.0, -1.0])] * 5
     after = [Newton(0.5).resolve(c).post_velocity for c in one] + [Newton(0.9).resolve(c).post_velocity for c in other]

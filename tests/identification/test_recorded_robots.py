@@ -1,4 +1,4 @@
-"""Laws are found again in recordings of robots: in a plane, with limits of joints, with contacts that depend."""
+"""Laws are fitted again to recordings of robots: planar, with joint limits, with dependent contacts."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from impactlaw.recording import Recorder
 
 @pytest.mark.parametrize("contact_model", ["soft", "rigid"])
 def test_a_robot_that_moves_in_a_plane(tmp_path, contact_model):
-    """No impulse moves it across the plane: those rows of friction are zero. Limits of joints have no friction."""
+    """No impulse moves it out of the plane, so these rows of friction are zero. Joint limits have no friction."""
     env = ImpactLaw(
         gymnasium.make("HalfCheetah-v5"), "moreau", 0.5, contact_model=contact_model, log=tmp_path / "run.rrd"
     )
@@ -42,7 +42,7 @@ BALLS = """<mujoco><option timestep="0.005"/><worldbody>
 
 
 def test_contacts_with_friction_of_their_own(tmp_path):
-    """Sliding, torsion and rolling of all contacts keep their ratios: one number tells them all."""
+    """The ratios of sliding, torsional and rolling coefficients are the same for all contacts: one number is fitted."""
     model = mujoco.MjModel.from_xml_string(BALLS)
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
     stepper = Stepper(model, Moreau(0.6), scheme="time-stepping")
@@ -59,7 +59,7 @@ def test_contacts_with_friction_of_their_own(tmp_path):
 
 
 def test_collisions_that_tell_nothing(tmp_path, monkeypatch, capsys):
-    """Contacts that only open tell no restitution, and what sticks tells no friction."""
+    """Contacts that only open do not determine restitution, and sticking contacts do not determine friction."""
     opened = [{"contacts": ["a/b"], "pre_contact_velocity": [v], "post_contact_velocity": [v]} for v in (0.5, 1.0)]
     code, _, said = run_cli(
         monkeypatch, capsys, "identify", table(tmp_path / "open.csv", opened), "--out", tmp_path / "l.json"
@@ -97,7 +97,7 @@ def test_an_audit_tells_the_friction_beside_limits_of_joints():
 
 
 def test_contacts_that_hardly_move_apart():
-    """Impulses change the second velocity by a thousand millionth of what they change the first one by."""
+    """Impulses change the second contact velocity by 1e-9 of the change of the first one."""
     J, v = np.array([[1.0, 0.0], [1.0, 1e-5]]), np.array([-1.0, 3.0])
     c = Collision(np.eye(2), J, v, labels=("a", "b"))
     impact = Newton(0.6).resolve(c)
@@ -109,7 +109,7 @@ def test_contacts_that_hardly_move_apart():
 
 
 def test_what_no_impulse_changes_is_a_velocity_of_surfaces():
-    """A body on a rail along x meets a floor that it also has no impulse along."""
+    """A body on a rail along x hits a floor whose friction has no component along the rail."""
     G, contact, mu = np.diag([2.0, 0.0, 3.0]), np.array([0, 0]), np.array([0.5, 0.5])
     before, after = np.array([-1.0, 0.7, 0.2]), np.array([0.5, 0.7, 0.1])
     c, post = collision_of(G, before, after, ("floor",), contact, mu)
@@ -122,7 +122,7 @@ def test_what_no_impulse_changes_is_a_velocity_of_surfaces():
 
 @pytest.mark.parametrize("family", ["newton", "poisson", "compliant"])
 def test_a_contact_that_one_fold_alone_has(family):
-    """Its number is that with which searches begin, in the law that has not seen it."""
+    """In the fold whose law has not seen the contact, its coefficient is the starting value of the search."""
     rng, collisions = np.random.default_rng(0), []
     for i in range(12):
         labels = ("rare",) if i == 5 else ("often",) if i % 2 else ("other",)

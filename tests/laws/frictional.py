@@ -1,4 +1,4 @@
-"""Collisions with friction that tests of laws share."""
+"""Collisions with friction shared by tests of laws."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from impactlaw import Collision, Friction
 
 
 def one_contact(rng: np.random.Generator, directions: int = 1, largest: float = 2.0) -> Collision:
-    """A random system of up to six degrees of freedom, one contact, and its directions of sliding."""
+    """Return a random system of up to six degrees of freedom with one contact and its sliding directions."""
     nv = int(rng.integers(1 + directions, 7))
     A = rng.normal(size=(nv, nv))
     rows = Friction(rng.normal(size=(directions, nv)), [0] * directions, [rng.uniform(0.01, largest)] * directions)
@@ -16,7 +16,7 @@ def one_contact(rng: np.random.Generator, directions: int = 1, largest: float = 
 
 
 def several_contacts(rng: np.random.Generator, h: int, directions: int = 2) -> Collision:
-    """Independent contacts of a random system."""
+    """Return independent contacts of a random system."""
     nv = h * (1 + directions) + int(rng.integers(0, 3))
     A = rng.normal(size=(nv, nv))
     mu = np.repeat(rng.uniform(0.01, 1.5, h), directions)
@@ -25,16 +25,16 @@ def several_contacts(rng: np.random.Generator, h: int, directions: int = 2) -> C
 
 
 def delassus_with_friction(c: Collision) -> tuple[np.ndarray, np.ndarray]:
-    """G and contact velocities before of normals, then of sliding."""
+    """Return G and the contact velocities before, of the normals first, then of the sliding directions."""
     J = np.vstack([c.jacobian, c.friction.jacobian])
     return J @ np.linalg.solve(c.mass_matrix, J.T), J @ c.pre_velocity
 
 
 def friction_problem(rng: np.random.Generator, most: int = 12, ratio: float = 1e6):
-    """Whitened gradients, offset, rows per contact and speed of boxes that touch each other and the ground.
+    """Return whitened gradients, offset, rows per contact and speed of boxes that touch each other and the ground.
 
-    Up to ``most`` contacts without friction, with sliding, torsional and rolling friction, coefficients 0.01 to 2,
-    masses up to a ratio apart; some boxes stand flat on four corners, so that contacts are redundant.
+    There are up to ``most`` contacts, without friction or with sliding, torsional and rolling friction. Coefficients
+    are 0.01 to 2, mass ratios up to ``ratio``. Some boxes stand flat on four corners, so that contacts are redundant.
     """
     h = int(rng.integers(1, most + 1))
     bodies = int(rng.integers(1, h // 2 + 2))
@@ -72,7 +72,7 @@ def friction_problem(rng: np.random.Generator, most: int = 12, ratio: float = 1e
 
 
 def friction_collision(rng: np.random.Generator, most: int = 12, ratio: float = 1e6) -> Collision:
-    """The collision of `friction_problem`, in whitened coordinates; every contact has friction."""
+    """Return the collision of `friction_problem` in whitened coordinates; every contact has friction."""
     A, _, sizes, speed = friction_problem(rng, most, ratio)
     first = np.cumsum(sizes) - sizes
     normal = np.zeros(len(A), dtype=bool)

@@ -1,4 +1,4 @@
-"""A law whose outcome is any point of S(v-): where it lies, how it is spread, and that a run can be repeated."""
+"""A law whose outcome is a random point of S(v-): its range and distribution, and repeatable runs."""
 
 import subprocess
 import sys
@@ -33,7 +33,7 @@ def test_outcomes_are_in_the_admissible_set_and_spread_as_its_samples(collision)
 
 
 def test_the_impulses_are_those_of_the_outcome():
-    """The outcome is what the complementarity reaches: no law is left between the target and v+."""
+    """The impulses reach v+ exactly, as the certificate shows."""
     impact = AnyOutcome(seed=3).resolve(launched(4, 1))
     assert impact.residual < 1e-9
     assert (impact.impulse >= 0.0).all()
@@ -70,7 +70,7 @@ def test_the_same_collision_has_the_same_outcome_in_every_process():
 
 @pytest.mark.parametrize(("h", "nv", "sampled"), [(64, 128, False), (40, 18, False), (17, 12, False), (16, 12, True)])
 def test_many_contacts_have_an_outcome_without_samples_of_s(h, nv, sampled, monkeypatch):
-    """Where S would take too long the outcome is one of Poisson's laws, which is in S, too."""
+    """Where S would take too long, the outcome is that of one of Poisson's laws, which lies in S as well."""
     rng, asked, sample = np.random.default_rng(0), [], AdmissibleSet.sample
     monkeypatch.setattr(AdmissibleSet, "sample", lambda S, n, rng: (asked.append(n), sample(S, n, rng))[1])
     J, v = rng.normal(size=(h, nv)), rng.normal(size=nv)
@@ -101,7 +101,7 @@ def test_friction_is_coulombs_and_creates_no_energy():
 
 @pytest.mark.parametrize("options", [{}, {"scheme": "time-stepping"}, {"contact_model": "soft"}])
 def test_in_every_way_to_step(options):
-    """The outcomes of a run are in S, differ from seed to seed, and repeat with the seed."""
+    """The outcomes of a run lie in S, differ between seeds, and repeat with the same seed."""
 
     def collisions(seed):
         model, data = load("newtons_cradle")
@@ -118,7 +118,7 @@ def test_in_every_way_to_step(options):
 
 
 def test_time_steps_reach_the_outcome_drawn():
-    """No gravity: the velocity after the step in which the balls meet is the one drawn from S for it."""
+    """Without gravity, the velocity after the step in which the balls meet is the one drawn from S."""
     body = '<body pos="{} 0 0"><joint type="slide" axis="1 0 0"/><geom size=".1" mass="1" condim="1"/></body>'
     model, data = compiled("".join(body.format(0.2 * i - 1e-3 * (i == 0)) for i in range(3)), option='gravity="0 0 0"')
     data.qvel[0] = 1.0

@@ -1,4 +1,4 @@
-"""Contacts that are springs for a moment: known outcomes, limits, order, admissibility."""
+"""Contacts that act as springs for a short time: known outcomes, limits, order, admissibility."""
 
 import mujoco
 import numpy as np
@@ -17,7 +17,7 @@ LINEAR_3 = (-0.1303, 0.1502, 0.9800)
 
 
 def ordinary(rng: np.random.Generator) -> Collision:
-    """Up to eight independent contacts of a random system, closing or not."""
+    """Return up to eight independent contacts of a random system, closing or not."""
     h = int(rng.integers(1, 9))
     nv = h + int(rng.integers(0, 4))
     A = rng.normal(size=(nv, nv))
@@ -33,7 +33,7 @@ def test_known_chains(balls_in, exponent, velocity):
 
 
 def test_chain_against_another_integrator():
-    """Four unequal balls, unequal springs, by scipy's DOP853 on the balls' positions."""
+    """Four unequal balls with unequal springs, against scipy's DOP853 on the positions of the balls."""
     m, k, p = np.array([1.0, 2.0, 0.7, 1.5]), np.array([1.0, 5.0, 0.4]), 1.5
 
     def rates(_, state):
@@ -102,7 +102,7 @@ def test_homogeneous_and_free_of_units():
 
 
 def test_stays_in_the_admissible_set():
-    """1 000 random collisions, stiffnesses over four decades; elastic ones also keep their energy."""
+    """1 000 random collisions, stiffnesses over four decades; elastic ones also conserve energy."""
     worst, refused = 0.0, 0
     for seed in range(1000):
         rng = np.random.default_rng([9, seed])
@@ -140,7 +140,7 @@ def test_what_bounces_for_ever_is_refused():
 
 @pytest.mark.parametrize("stiffness", ["2", True, {1.0, 2.0}, b"12", [1.0, "2"], {"a/b": True}])
 def test_what_is_no_number_is_refused(stiffness):
-    """As coefficients of restitution are; a set has no order, and the bytes of a text are no stiffnesses."""
+    """As for coefficients of restitution; a set has no order, and the bytes of a text are not stiffnesses."""
     with pytest.raises(RestitutionError, match=r"positive number|in order"):
         Compliant(stiffness)
 
@@ -154,7 +154,7 @@ def test_friction_goes_around_it():
 
 @pytest.mark.parametrize("options", [{}, {"scheme": "time-stepping"}, {"contact_model": "soft"}])
 def test_cradle_in_every_way_to_step(options):
-    """The first ball hits four at rest: the ways to step give them what the law gives the chain."""
+    """The first ball hits four balls at rest: every way to step gives them the velocities of the law."""
     model, data = load("newtons_cradle")
     stepper = Stepper(model, make_law("compliant"), **options)
     while data.time < 1.5 and not stepper.events:
@@ -210,7 +210,7 @@ def test_what_is_no_delassus_matrix_or_no_velocity(delassus, velocities, message
 
 
 def test_redundant_contacts_have_a_delassus_matrix():
-    """Two contacts at one place share what one has: 2 N s of a mass of 1 kg at 1 m/s."""
+    """Two contacts at one point share the impulse of a single contact: 2 N s for 1 kg at 1 m/s."""
     J = np.array([[1.0], [1.0]]) / 3.0
     impulse = Compliant(1.0).impulses(J @ J.T, [[-1.0, -1.0]])
     np.testing.assert_allclose(impulse @ J, [[6.0]], rtol=1e-9)

@@ -1,4 +1,4 @@
-"""How much kinetic energy a restitution matrix can create, and that isometries are elastic."""
+"""How much kinetic energy a restitution matrix can create; isometries are elastic."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from impactlaw.errors import InvalidCollisionError, RestitutionError
 
 
 def all_active(rng, E, c):
-    """The collision with a gamma- for which E gives every contact an impulse: Lambda = -G^-1 (1 + E) gamma- > 0."""
+    """Return the collision whose gamma- gives every contact an impulse: Lambda = -G^-1 (1 + E) gamma- > 0."""
     h = len(c.labels)
     gamma = -np.linalg.solve(np.eye(h) + E, c.delassus @ rng.uniform(0.1, 1.0, h))
     return Collision(c.mass_matrix, c.jacobian, np.linalg.pinv(c.jacobian) @ gamma)
@@ -29,7 +29,7 @@ def test_isometry_is_elastic(seed):
     d, V = np.linalg.eigh(c.delassus)
     root = (V * np.sqrt(d)) @ V.T
     Q = np.linalg.qr(rng.normal(size=root.shape))[0]
-    Q[:, 0] *= np.linalg.det(Q)  # a rotation: a reflection would leave some gamma- as it is
+    Q[:, 0] *= np.linalg.det(Q)  # a rotation: a reflection would leave some gamma- unchanged
     E = root @ Q @ np.linalg.inv(root)
     assert energy_gain(c, E) == pytest.approx(1.0, rel=1e-8)
     c = all_active(rng, E, c)
@@ -40,7 +40,7 @@ def test_isometry_is_elastic(seed):
 
 @pytest.mark.parametrize("seed", range(40))
 def test_energy_gain_decides_whether_a_matrix_dissipates(seed):
-    """E^T G^-1 E <= G^-1 iff energy_gain <= 1, and no collision with all contacts active gains more than it says."""
+    """E^T G^-1 E <= G^-1 iff energy_gain <= 1; no collision with all contacts active gains more than energy_gain."""
     rng = np.random.default_rng([22, seed])
     c = random_contacts(rng)
     h = len(c.labels)

@@ -1,4 +1,4 @@
-"""The impact laws: exact answers, every law on every problem, relations between laws."""
+"""The impact laws: exact answers, all laws on all problems, relations between laws."""
 
 import numpy as np
 import pytest
@@ -108,7 +108,7 @@ def resolve(law_name, problem_name):
 
 @pytest.mark.parametrize("problem_name", PROBLEMS)
 def test_a_jump_that_a_law_knows_beforehand_reaches_its_target(problem_name):
-    """Another one would be found out by the certificate, at the price of a solver that needs none."""
+    """A wrong jump would be found by the certificate, but at the cost of a solver call."""
     c, known = PROBLEMS[problem_name](), []
     for make in LAWS.values():
         law = make(c)
@@ -122,7 +122,7 @@ def test_a_jump_that_a_law_knows_beforehand_reaches_its_target(problem_name):
 
 @pytest.mark.parametrize(("law_name", "problem_name"), [(law, problem) for law in LAWS for problem in PROBLEMS])
 def test_solvable_exactly_where_a_velocity_exists(law_name, problem_name):
-    """Against a linear program of its own for ``J v >= gamma^h``."""
+    """Against an independent linear program for ``J v >= gamma^h``."""
     c = PROBLEMS[problem_name]()
     law = LAWS[law_name](c)
     lengths = np.linalg.norm(c.jacobian, axis=1)
@@ -187,7 +187,7 @@ def test_velocity_agrees_with_rational_arithmetic(law_name, problem_name):
 @pytest.mark.parametrize("problem_name", PROBLEMS)
 @pytest.mark.parametrize("law_name", LAWS)
 def test_target(law_name, problem_name):
-    """gamma^h by definition, and the velocity that a law knows for it has it."""
+    """The target is gamma^h by definition, and the velocity that a law provides with it reaches it."""
     c = PROBLEMS[problem_name]()
     law = LAWS[law_name](c)
     target = law.target(c)
@@ -200,7 +200,7 @@ def test_target(law_name, problem_name):
 
 
 def test_unsolvable_law_names_the_contacts_that_conflict():
-    """A ball between two walls must leave the first with 0.9, and may reach the second with at most 0.1."""
+    """A ball between two walls must leave the first wall with 0.9, but may move towards the second with at most 0.1."""
     labels = ("ball/left", "ball/floor", "ball/right")
     c = Collision(np.eye(2), [[1.0, 0.0], [0.0, 1.0], [-2.0, 0.0]], [-1.0, -1.0], labels=labels)
     law = Newton({"ball/left": 0.9, "ball/right": 0.1}, default=0.5)
@@ -246,7 +246,7 @@ def test_diagonal_matrix_is_newton(problem_name):
 
 
 def test_linear_map_reflects():
-    """h = reflection at the hyperplane of one contact is an elastic impact there."""
+    """h, the reflection at the hyperplane of one contact, is an elastic impact there."""
     c = Collision(np.eye(3), [[0.0, 0.0, 1.0]], [1.0, 2.0, -3.0])
     impact = LinearMap(np.diag([1.0, 1.0, -1.0])).resolve(c)
     np.testing.assert_allclose(impact.post_velocity, [1.0, 2.0, 3.0], **EXACT)
@@ -259,7 +259,7 @@ def test_linear_map_reflects():
     factor=st.floats(1e-6, 1e6),
 )
 def test_units_and_coordinates_do_not_matter(seed, e, factor):
-    """Scaled masses, gaps and velocities, other coordinates, and the contacts in another order."""
+    """Masses, gaps and velocities are scaled, coordinates transformed, and contacts permuted."""
     rng = np.random.default_rng(seed)
     h, nv = int(rng.integers(1, 6)), int(rng.integers(6, 9))
     A, J, v = rng.normal(size=(nv, nv)), rng.normal(size=(h, nv)), rng.normal(size=nv)
@@ -295,7 +295,7 @@ def test_laws_are_equal_only_if_they_are():
 
 
 def test_a_linear_map_beside_constraints_leads_to_the_nearest_velocity():
-    """Those are ``v- + P M^-1 J^T Lambda``, P the projection onto what the constraints allow."""
+    """The reachable velocities are ``v- + P M^-1 J^T Lambda``, where P projects onto the admissible velocities."""
     rng = np.random.default_rng(0)
     for _ in range(50):
         rows, J, v = rng.normal(size=(1, 4)), rng.normal(size=(2, 4)), rng.normal(size=4)

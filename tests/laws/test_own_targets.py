@@ -1,4 +1,4 @@
-"""What the target of somebody's own law may be: anything else is refused, by name, in every way to step."""
+"""Targets of a user's own law: invalid ones are refused, by name, in every way to step."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -17,12 +17,12 @@ WAYS = [{}, {"scheme": "time-stepping"}, {"contact_model": "soft"}]
 
 @dataclass(frozen=True)
 class Wrong(Law):
-    """A law that returns what it is told to."""
+    """A law that returns a given value."""
 
     kind: str
 
     def target(self, collision: Collision) -> Any:
-        """Return something that is no target for this collision."""
+        """Return a value that is not a target for this collision."""
         approach = collision.pre_contact_velocity
         return {
             "an array": -0.5 * approach,
@@ -89,7 +89,7 @@ class InPlace(Law):
 
 
 def test_a_law_cannot_change_the_velocities_it_is_asked_about():
-    """It would be audited against what it has made of them: no impulse, and no violation."""
+    """Otherwise the audit would use the changed velocities: no impulse, and no violation."""
     wall = Collision([[1.0]], [[1.0]], [-1.0], friction=Friction(np.zeros((1, 1)), [0], [0.5]))
     with pytest.raises(ValueError, match="read-only"):
         InPlace().resolve(wall)
@@ -99,7 +99,7 @@ def test_a_law_cannot_change_the_velocities_it_is_asked_about():
 
 @dataclass(frozen=True)
 class Root(Law):
-    """Contacts leave with 0.3 times the root of the speed at which they close."""
+    """Contacts leave with 0.3 times the square root of their closing speed."""
 
     per_contact = True
 
@@ -109,7 +109,7 @@ class Root(Law):
 
 @pytest.mark.parametrize("options", WAYS, ids=str)
 def test_a_target_that_is_no_multiple_of_the_velocity_is_met_in_every_way_to_step(options):
-    """Compiled code knows multiples only."""
+    """Compiled code only knows multiples of the velocity."""
     model, data = load("bouncing_ball")
     stepper = Stepper(model, Root(), **options)
     while not stepper.events:
@@ -117,7 +117,7 @@ def test_a_target_that_is_no_multiple_of_the_velocity_is_met_in_every_way_to_ste
     impact = stepper.events[0].impact
     wanted = 0.3 * np.sqrt(-impact.collision.pre_contact_velocity)
     np.testing.assert_allclose(impact.post_contact_velocity, wanted, rtol=1e-9)
-    gravity = 9.81 * model.opt.timestep  # acts in the rest of the step
+    gravity = 9.81 * model.opt.timestep  # acts during the rest of the step
     np.testing.assert_allclose(data.qvel, wanted, rtol=0, atol=gravity)
 
 

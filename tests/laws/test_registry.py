@@ -1,4 +1,4 @@
-"""Every law of the registry, by its name alone: a law that is added there is tried here."""
+"""Every law of the registry by its name: a law that is added there is tested here."""
 
 import json
 
@@ -14,7 +14,7 @@ from impactlaw.laws.registry import takes_restitution
 
 
 def example(name):
-    """The law with e = 0.6, or without, or with a matrix: whatever it takes."""
+    """Return the law with e = 0.6, without a coefficient, or with a matrix, whichever it takes."""
     for restitution in (0.6, None, [[0.6]]):
         try:
             return make_law(name, restitution)
@@ -61,7 +61,7 @@ def test_maximal_dissipation_takes_no_restitution_but_zero(restitution):
 
 @pytest.mark.parametrize("number", [0.5 + 0.1j, np.complex128(0.5), np.complex64(0.5 + 0.1j)])
 def test_no_restitution_is_complex(number):
-    """Numpy would drop the imaginary part, with a warning only."""
+    """Numpy would drop the imaginary part with no more than a warning."""
     for name, given in (("moreau", number), ("newton", np.array([number, 0.5])), ("newton", {"a/b": number})):
         with pytest.raises(RestitutionError, match="must be a number in"):
             make_law(name, given)
@@ -74,7 +74,7 @@ def test_no_restitution_is_complex(number):
 @pytest.mark.parametrize("options", [{}, {"scheme": "time-stepping"}, {"contact_model": "soft"}])
 @pytest.mark.parametrize("name", LAWS)
 def test_every_way_to_step(name, options):
-    """A ball slides along a rough floor as it lands, and keeps no more energy than it had."""
+    """A ball lands sliding on a rough floor, and does not gain energy."""
     model, data = compiled(
         '<geom name="floor" type="plane" size="5 5 1"/><body name="ball" pos="0 0 .12"><freejoint/>'
         '<geom name="ball" size=".1" mass="1"/></body>',
@@ -94,7 +94,7 @@ def test_every_way_to_step(name, options):
 
 
 def test_friction_is_not_lost():
-    """Laws without friction of their own leave it to Coulomb; Routh's law has it."""
+    """Laws without friction of their own get it from Coulomb; Routh's law has its own."""
     c = Collision(np.eye(2), [[0.0, 1.0]], [1.0, -1.0], friction=Friction([[1.0, 0.0]], [0], [0.2]))
     assert make_law("routh", 0.5).has_friction
     assert make_law("routh", 0.5).resolve(c).post_velocity[0] == pytest.approx(0.7)

@@ -1,4 +1,4 @@
-"""The reversal law: chains pass their velocities on, however their bodies and contacts are numbered."""
+"""The reversal law: chains pass their velocities on, in whatever order bodies and contacts are numbered."""
 
 import mujoco
 import numpy as np
@@ -13,7 +13,7 @@ ORDERS = [np.random.default_rng(seed).permutation(7) for seed in range(5)]
 
 
 def shuffled(collision, order, form=np.array):
-    """The same contacts in another order."""
+    """Return the collision with its contacts in another order."""
     return Collision(form(collision.mass_matrix), form(collision.jacobian[order]), collision.pre_velocity)
 
 
@@ -27,7 +27,7 @@ def test_contacts_of_a_chain_in_any_order(order, form):
 
 @pytest.mark.parametrize("order", ORDERS)
 def test_two_chains_whose_contacts_are_mixed(order):
-    """Of four and five balls."""
+    """Chains of four and five balls."""
     jacobian = np.diff(np.eye(9), axis=0)[[0, 1, 2, 4, 5, 6, 7]]
     velocity = np.array([1.0, 0, 0, 0, 2, 2, 0, 0, 0])
     impact = Fremond.reversal().resolve(Collision(np.eye(9), jacobian[order], velocity))
@@ -35,7 +35,7 @@ def test_two_chains_whose_contacts_are_mixed(order):
 
 
 def test_contacts_that_are_no_chain_are_reversed_as_they_come():
-    """Three balls meet a fourth one, so that each contact influences all others."""
+    """Three balls hit a fourth one, so that each contact influences all others."""
     jacobian = np.hstack([np.ones((3, 1)), -np.eye(3)])
     for order in ([0, 1, 2], [1, 0, 2], [2, 0, 1]):
         c = Collision(np.eye(4), jacobian[order], [-1.0, 0.2, 0.3, 0.4])
@@ -43,7 +43,7 @@ def test_contacts_that_are_no_chain_are_reversed_as_they_come():
 
 
 def cradle(order):
-    """Five equal balls in a row that touch, of which the MJCF tells in this order."""
+    """Return five equal touching balls in a row, which the MJCF lists in this order."""
     balls = "".join(
         f'<body pos="{0.1999999 * i} 0 0"><joint name="x{i}" type="slide" axis="1 0 0"/><geom size=".1" mass="1"/>'
         "</body>"
@@ -74,5 +74,5 @@ def test_bodies_of_a_cradle_in_any_order(way, order):
     (event,) = stepper.events
     order = [model.joint(f"x{i}").dofadr[0] for i in range(5)]
     np.testing.assert_allclose(event.impact.post_velocity[order], [0, 0, 0, 1, 1], atol=1e-9)
-    if way.get("contact_model") != "soft":  # events are told in Python, whoever took the step
+    if way.get("contact_model") != "soft":  # soft steps go on after the event
         np.testing.assert_allclose(data.qvel[order], [0, 0, 0, 1, 1], atol=1e-9)

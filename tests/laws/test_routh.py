@@ -1,4 +1,4 @@
-"""Routh's impact: exact answers, an independent integration, energy, and when it is another law."""
+"""Routh's impact law: exact answers, an independent integration, energy, and its agreement with other laws."""
 
 import numpy as np
 import pytest
@@ -10,12 +10,12 @@ from impactlaw.errors import RestitutionError, SolverError, UnknownNameError, Un
 
 
 def disc(velocity, mu, k=0.5) -> Collision:
-    """A disc of mass 1, radius 1 and inertia k on the floor; velocity is (x, y, omega), omega counterclockwise."""
+    """Return a disc of mass 1, radius 1 and inertia k on the floor; velocity is (x, y, omega), counterclockwise."""
     return Collision(np.diag([1, 1, k]), [[0, 1, 0]], velocity, friction=Friction([[1, 0, 1]], [0], [mu]))
 
 
 def march(c: Collision, e: float, hypothesis: str, steps: int = 200_000) -> np.ndarray:
-    """v+ by many small steps of normal impulse."""
+    """Return v+ by many small steps of normal impulse."""
     G, gamma = delassus_with_friction(c)
     mu, dN = c.friction.coefficient[0], 8.0 * -gamma[0] / G[0, 0] / steps * 10
     impulse, N, work, compression = np.zeros(2), 0.0, 0.0, None
@@ -46,7 +46,7 @@ def test_slides_all_the_way(hypothesis):
 
 
 def test_sticks():
-    """Slip 0.3 stops after N = 0.3 / (0.5 * 3) = 0.2, and a disc on a flat floor then rolls."""
+    """A slip of 0.3 stops after N = 0.3 / (0.5 * 3) = 0.2; a disc on a flat floor then rolls."""
     impact = Routh(0.5).resolve(disc([0.3, -1.0, 0.0], 0.5))
     np.testing.assert_allclose(impact.friction_impulse, [-0.1], rtol=0, atol=1e-12)
     np.testing.assert_allclose(impact.post_velocity, [0.2, 0.5, -0.2], rtol=0, atol=1e-12)
@@ -70,7 +70,7 @@ def test_slip_reverses():
 
 
 def test_jams():
-    """mu G_nt > G_nn: normal impulse first drives the contact deeper, until slip has stopped."""
+    """mu G_nt > G_nn: the normal impulse first drives the contact deeper, until the slip has stopped."""
     G = np.array([[1.0, 1.5], [1.5, 4.0]])
     J = np.linalg.cholesky(G)
     c = Collision(np.eye(2), J[:1], np.linalg.solve(J, [-1.0, 2.0]), friction=Friction(J[1:], [0], [1.0]))
@@ -83,7 +83,7 @@ def test_jams():
 
 
 def hinged(rng, mu, directions) -> Collision:
-    """A body on a hinge, which closes at a speed of 1 rad/s; all gradients of its contact are parallel."""
+    """Return a body on a hinge that closes at 1 rad/s; all gradients of its contact are parallel."""
     along = np.array([[rng.normal()], [rng.normal()]])[:directions]
     return Collision(
         [[rng.uniform(0.5, 2.0)]], [[1.0]], [-1.0], friction=Friction(along, [0] * directions, [mu] * directions)
@@ -93,9 +93,9 @@ def hinged(rng, mu, directions) -> Collision:
 @pytest.mark.parametrize("hypothesis", ["poisson", "stronge"])
 @pytest.mark.parametrize("directions", [1, 2])
 def test_a_body_on_a_hinge_jams_or_leaves(hypothesis, directions):
-    """Friction helps to stop it and hinders it on the way back: with ``r = mu |J_t| < |J_n| = 1`` it leaves.
+    """Friction helps to stop it and opposes its return; with ``r = mu |J_t| < |J_n| = 1`` it leaves.
 
-    ``M dv = (1 + r) dN`` on the way in, ``M dv = (1 - r) dN`` on the way back, at once with the opposite friction.
+    ``M dv = (1 + r) dN`` while it closes, ``M dv = (1 - r) dN`` while it opens; friction reverses at once in between.
     """
     rng = np.random.default_rng(11)
     for _ in range(200):
@@ -111,7 +111,7 @@ def test_a_body_on_a_hinge_jams_or_leaves(hypothesis, directions):
 @pytest.mark.parametrize("hypothesis", ["poisson", "stronge"])
 @pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
 def test_three_gradients_of_two_degrees_of_freedom(hypothesis, restitution):
-    """Slip that stops then stops the contact, too; nothing is left to give back where friction can hold it."""
+    """When slip stops, the contact stops as well; where friction can hold it, no rebound remains."""
     rng = np.random.default_rng(12)
     for _ in range(100):
         A, J, v = rng.normal(size=(2, 2)), rng.normal(size=(3, 2)), rng.normal(size=2)
@@ -128,7 +128,7 @@ def test_three_gradients_of_two_degrees_of_freedom(hypothesis, restitution):
     [{}, {"scheme": "time-stepping"}, {"scheme": "time-stepping", "compiled": "never"}, {"contact_model": "soft"}],
 )
 def test_a_pendulum_that_jams_on_the_floor_stays(hypothesis, options):
-    """Its bob meets a floor 0.6 m below the hinge: friction of 2 holds it at an angle of 0.9397 rad."""
+    """Its bob hits a floor 0.6 m below the hinge: friction of 2 holds it at an angle of 0.9397 rad."""
     world = """<geom name="floor" type="plane" size="9 9 1" pos="0 0 -.6" friction="2"/>
         <body><joint type="hinge" axis="0 1 0"/><geom name="bob" size=".01" pos="0 0 -1" friction="2"/></body>"""
     model, data = compiled(world, option='integrator="RK4"')
@@ -142,7 +142,7 @@ def test_a_pendulum_that_jams_on_the_floor_stays(hypothesis, options):
 
 
 def test_a_contact_that_cannot_open_is_refused():
-    """A table rises against a body that only slides along it."""
+    """A table rises against a body that can only slide along it."""
     c = Collision([[1.0]], [[0.0], [1.0]], [-1.0], surface_velocity=[-2.0, 0.0], labels=("table", "wall"))
     with pytest.raises(UnsolvableLawError) as refused:
         Routh(0.5).resolve(c)
@@ -201,7 +201,7 @@ def test_never_creates_energy(hypothesis, directions):
 
 
 def test_stronge_returns_e2_of_the_normal_work():
-    """Without friction normal work is all there is; and it is Newton's law then."""
+    """Without friction the normal work is all the work, and the law is Newton's."""
     c = Collision(np.diag([1.0, 3.0]), [[1.0, -2.0]], [-1.0, 0.3])
     for hypothesis in ("poisson", "stronge"):
         v = Routh(0.7, hypothesis=hypothesis).resolve(c).post_velocity

@@ -1,4 +1,4 @@
-"""A law with scatter: where its samples lie, how they are spread, and that a run can be repeated."""
+"""A law with scatter: the range of its samples, their distribution, and repeatable runs."""
 
 import numpy as np
 import pytest
@@ -42,7 +42,7 @@ def test_it_prints_what_was_given_first(seed):
 
 
 def test_spread_is_the_covariance():
-    """Inside of S nothing is projected: relative errors in the kinetic metric have the covariance asked for."""
+    """Inside S no sample is projected: relative errors in the kinetic metric have the given covariance."""
     c = Collision(np.diag([1.0, 2.0]), np.eye(2), [-1.0, -1.0])
     C = np.array([[4e-4, 1e-4], [1e-4, 1e-4]])
     law = Scattered(Newton(0.5), C)
@@ -53,7 +53,7 @@ def test_spread_is_the_covariance():
 
 
 def test_nothing_is_scattered_where_there_is_no_admissible_set():
-    """A wall whose velocity jumps, and one that rests behind it."""
+    """A wall whose velocity jumps, and another wall behind the body at rest."""
     walls = {"surface_velocity": [-1.0, 0.0], "post_surface_velocity": [-2.0, 0.0]}
     c = Collision([[1.0]], [[1.0], [2.0]], [0.0], **walls)
     assert not c.has_admissible_set
@@ -63,7 +63,7 @@ def test_nothing_is_scattered_where_there_is_no_admissible_set():
 
 @pytest.mark.parametrize("options", [{}, {"scheme": "time-stepping"}])
 def test_a_blow_from_below_ends_no_run(options):
-    """A ball rests on a table that suddenly rises at 2 m/s: it is a collision by itself, and there is no S(v-)."""
+    """A ball rests on a table that suddenly rises at 2 m/s: this is a collision for which there is no S(v-)."""
     world = """<body mocap="true" pos="0 0 -.1"><geom type="box" size="1 1 .1"/></body>
         <body pos="0 0 .1"><freejoint/><geom size=".1" mass="1"/></body>"""
     model, data = compiled(world)
@@ -120,7 +120,7 @@ def test_wrong_numbers(make, message):
 
 @pytest.mark.parametrize("scale", [1e-12, 1.0, 1e6])
 def test_covariances_of_any_size_are_judged_alike(scale):
-    """Rounding leaves eigenvalues of ``A A^T`` a little below 0."""
+    """Rounding leaves eigenvalues of ``A A^T`` slightly below 0."""
     A = np.random.default_rng(0).normal(size=(6, 2))
     Scattered(Moreau(0.5), scale * A @ A.T)
     with pytest.raises(RestitutionError, match="positive semidefinite"):

@@ -1,4 +1,4 @@
-"""Friction in two collisions at once that cannot influence each other: each has its own outcome."""
+"""Two simultaneous collisions with friction that cannot influence each other have separate outcomes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from impactlaw.stepping.collisions import as_closed
 
 
 def _collision(seed: int, rough: float) -> Collision:
-    """Two or three contacts, with coefficients of friction up to 1.5 times a factor."""
+    """Return two or three contacts, with coefficients of friction up to 1.5 times a factor."""
     rng = np.random.default_rng(seed)
     c = several_contacts(rng, int(rng.integers(2, 4)), 1)
     f = c.friction
@@ -26,7 +26,7 @@ def _collision(seed: int, rough: float) -> Collision:
 
 
 def _both(one: Collision, other: Collision) -> tuple[Collision, np.ndarray]:
-    """Both as one collision, contacts of the one between those of the other, and where these are among them."""
+    """Return both as one collision with interleaved contacts, and the order of the contacts in it."""
     assert one.friction is not None
     assert other.friction is not None
     h = len(one.labels) + len(other.labels)
@@ -49,7 +49,7 @@ def _resolved(law: Coulomb, collision: Collision) -> FrictionImpact:
 def test_newtons_law(cone: str):
     scaled = []
     for seed in range(60):
-        one, other = _collision(seed, 0.5), _collision(seed + 1000, 0.5)  # more may leave several solutions
+        one, other = _collision(seed, 0.5), _collision(seed + 1000, 0.5)  # others may have several solutions
         c, order = _both(one, other)
         law = Coulomb(Newton(1.0), tangential_restitution=0.2, cone=cone)  # pyright: ignore[reportArgumentType]
         parts, both = [_resolved(law, part) for part in (one, other)], _resolved(law, c)
@@ -82,7 +82,7 @@ def test_poissons_law(seed: int):
 @pytest.mark.parametrize("law", [Newton, Poisson])
 @pytest.mark.parametrize("joined", [False, True])
 def test_many_bodies_with_degrees_of_freedom_of_their_own(law: type, joined: bool):
-    """Each collides as if it were alone; two that an equality constraint joins collide as one."""
+    """Each body collides as if it were alone; two bodies joined by an equality constraint collide as one."""
     several = [_collision(seed, 0.3) for seed in range(8)]
     c = several[0]
     for other in several[1:]:
@@ -105,13 +105,13 @@ def test_many_bodies_with_degrees_of_freedom_of_their_own(law: type, joined: boo
 
 @pytest.mark.parametrize("law", [Moreau(0.5), Newton([0.5, 0.4])])
 def test_contacts_of_which_some_tremble_are_tied_no_more_than_others(law):
-    """What one body does with friction and restitution is judged without the other."""
+    """The outcome of one body with friction and restitution is judged without the other body."""
     c = Collision(np.eye(4), np.eye(4)[[0, 2]], [-1.0, 0.3, -1.0, 0.2])
     assert ties_of(as_closed(law), c) is None
 
 
 def test_contacts_that_a_law_ties():
-    """They are those whose targets depend on each other: none, those of a matrix, or all that may."""
+    """Contacts are tied if their targets depend on each other: no contacts, those of a matrix, or all if unknown."""
     one, _ = _both(_collision(0, 1.0), _collision(0, 1.0))
     h = len(one.labels)
     for law in (MaximalDissipation(), Moreau(0.5), Newton(np.linspace(0.1, 0.9, h)), Poisson(np.linspace(0.1, 0.9, h))):

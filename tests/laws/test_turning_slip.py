@@ -1,4 +1,4 @@
-"""Routh's impact where slip turns, against an integration of its equation by somebody else's Runge and Kutta."""
+"""Routh's impact law with turning slip, against an integration of its equation by scipy's Runge-Kutta method."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from impactlaw import Collision, Routh
 
 
 def integrated(c: Collision, e: float, hypothesis: str) -> np.ndarray | None:
-    """v+ by scipy's method of order eight, in normal impulse; None where slip stops on the way."""
+    """Return v+ by scipy's method of order eight, over normal impulse; None if slip stops on the way."""
     G, gamma = delassus_with_friction(c)
     assert c.friction is not None
     mu, k = c.friction.coefficient, len(gamma)
@@ -17,7 +17,7 @@ def integrated(c: Collision, e: float, hypothesis: str) -> np.ndarray | None:
     def rates(N, x):
         u = x[1:k]
         f = np.append(1.0, -(mu**2) * u / np.linalg.norm(mu * u))
-        return np.concatenate([G @ f, f[1:], [x[0]]])  # of gamma, of the impulse of friction, of normal work
+        return np.concatenate([G @ f, f[1:], [x[0]]])  # rates of gamma, of the friction impulse, of the normal work
 
     def slows(N, x):
         return np.linalg.norm(x[1:k]) - 0.1 * np.linalg.norm(gamma[1:])
@@ -46,7 +46,7 @@ def integrated(c: Collision, e: float, hypothesis: str) -> np.ndarray | None:
 
 @pytest.mark.parametrize("hypothesis", ["poisson", "stronge"])
 def test_against_an_integration(hypothesis):
-    """Compression and restitution end within steps: with the mean friction of a step, v+ was off by 1e-5."""
+    """Compression and restitution end within steps. Regression: with a step's mean friction, v+ was off by 1e-5."""
     compared = 0
     for seed in range(30):
         rng = np.random.default_rng([13, seed])

@@ -1,4 +1,4 @@
-"""Contacts whose normal meets the axis of the only joint: no impulse along it moves anything."""
+"""Contacts whose normal intersects the axis of the only joint: their normal impulses cannot move the body."""
 
 import mujoco
 import numpy as np
@@ -25,7 +25,7 @@ def test_the_gap_gradient_is_zero_and_not_rounding(at):
 
 
 def collision():
-    """One joint, 0.01 m above a plane: a contact below it, and one at the end of the arm that closes."""
+    """Return one joint, 0.01 m above a plane, with a contact below it and a closing one at the end of the arm."""
     friction = Friction(np.array([[0.01], [0.01]]), [0, 1], [1.0, 0.5])
     return Collision(np.array([[2e-5]]), np.array([[0.0], [-0.04]]), np.array([3.0]), friction=friction)
 
@@ -33,7 +33,7 @@ def collision():
 @pytest.mark.parametrize("cone", ["exact", "convex"])
 @pytest.mark.parametrize("law", [MaximalDissipation(), Moreau(0.5), Moreau(1.0)])
 def test_a_contact_that_nothing_moves_has_no_friction(law, cone):
-    """The end of the arm, where friction and normal act on one joint, bounces as if it were alone."""
+    """The end of the arm, where friction and normal act on one joint, bounces as if it were the only contact."""
     whole = collision()
     alone = Collision(
         whole.mass_matrix, whole.jacobian[1:], whole.pre_velocity, friction=whole.friction.select(np.array([1]))
@@ -52,7 +52,7 @@ def test_the_same_by_poisson():
 
 @pytest.mark.parametrize("way", [{}, {"scheme": "time-stepping"}])
 def test_an_arm_that_falls_flat_bounces(way):
-    """The arm turns onto the palm: only its end bounces, whatever its hinge is above."""
+    """The arm turns onto the palm: only its end bounces, whatever lies below its hinge."""
     model, data = compiled(
         ARM.format(at=0.0).replace(".0195", ".02"), option='gravity="0 0 0" timestep="1e-3"', geom='friction="1"'
     )

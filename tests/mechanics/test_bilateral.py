@@ -1,4 +1,4 @@
-"""Bilateral constraints against minimal coordinates worked out by hand; moving surfaces against what they see."""
+"""Bilateral constraints against minimal coordinates by hand; moving surfaces against relative motion."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from impactlaw.errors import InvalidCollisionError, UnsolvableLawError
 
 
 def constrained(seed: int, *, moving: bool = False) -> tuple[Collision, np.ndarray, np.ndarray]:
-    """A random collision under redundant bilateral constraints, a basis of what they leave, and their velocity."""
+    """Return a random collision with redundant bilateral constraints, a basis of free motion, and their velocity."""
     rng = np.random.default_rng(seed)
     nv, m, h = 9, int(rng.integers(1, 6)), int(rng.integers(1, 8))
     A = rng.normal(size=(nv, nv))
@@ -31,7 +31,7 @@ def constrained(seed: int, *, moving: bool = False) -> tuple[Collision, np.ndarr
 
 
 def resolved_alike(law: Law, c: Collision, other: Collision) -> tuple[Impact, Impact] | None:
-    """The impacts of two collisions, or None where the law can solve neither."""
+    """Return the impacts of two collisions, or None if the law can solve neither."""
     try:
         expected = law.resolve(other)
     except UnsolvableLawError:
@@ -47,7 +47,7 @@ def resolved_alike(law: Law, c: Collision, other: Collision) -> tuple[Impact, Im
 def test_constraints_are_minimal_coordinates(name, seed, moving):
     c, basis, fixed = constrained(seed, moving=moving)
     N, M = basis, c.mass_matrix
-    at_rest = fixed - N @ np.linalg.solve(N.T @ M @ N, N.T @ M @ fixed)  # kinetically orthogonal to what is free
+    at_rest = fixed - N @ np.linalg.solve(N.T @ M @ N, N.T @ M @ fixed)  # kinetically orthogonal to the free motion
     own = np.linalg.lstsq(N, c.pre_velocity - at_rest, rcond=None)[0]
     reduced = Collision(N.T @ M @ N, c.jacobian @ N, own, surface_velocity=c.jacobian @ at_rest)
     law = LAWS[name](c)
@@ -70,7 +70,7 @@ def test_constraints_are_minimal_coordinates(name, seed, moving):
 
 
 def test_welded_balls_are_one_ball():
-    """Ball 2 and 3 of three are welded, three times over: masses 1 and 2."""
+    """Balls 2 and 3 of three are welded, three times over: the masses are 1 and 2."""
     c = launched(3, 1)
     welded = Collision(c.mass_matrix, c.jacobian[:1], c.pre_velocity, bilateral_jacobian=[[0.0, 1.0, -1.0]] * 3)
     impact = Moreau(1.0).resolve(welded)
@@ -80,10 +80,10 @@ def test_welded_balls_are_one_ball():
 
 
 def test_the_effective_mass_of_a_slider_crank():
-    """A crank (inertia 2, length 1, at 45 degrees) drives a slider of mass 3 on a line by a rod without mass.
+    """A crank (inertia 2, length 1, at 45 degrees) drives a slider of mass 3 on a line by a massless rod.
 
-    With rod and crank at right angles and both of length 1 the slider's velocity is -sqrt(2) times the crank's turning:
-    hit at the slider, the mechanism has the effective mass 3 + 2 / 2.
+    With rod and crank at right angles and both of length 1, the slider's velocity is -sqrt(2) times the crank's angular
+    velocity: if the slider is hit, the mechanism has the effective mass 3 + 2 / 2.
     """
     J_eq = [[np.sqrt(2.0), 1.0]]
     c = Collision(np.diag([2.0, 3.0]), [[0.0, 1.0]], [1.0, -np.sqrt(2.0)], bilateral_jacobian=J_eq)
@@ -104,10 +104,10 @@ def test_a_contact_that_constraints_hold_takes_no_part():
 
 @pytest.mark.parametrize(
     "law", [name for name in LAWS if name != "linear map"]
-)  # which is not one of relative velocities
+)  # it is not a law of relative velocities
 @pytest.mark.parametrize("problem", [name for name in PROBLEMS if name != "contact that cannot move"])
 def test_surfaces_that_move_together_see_the_bodies_move(law, problem):
-    """All surfaces move with V: the impact is the one of v- + V on surfaces at rest, less V."""
+    """All surfaces move with V: the impact is that of v- + V on surfaces at rest, minus V."""
     c = PROBLEMS[problem]()
     V = np.random.default_rng(7).normal(size=len(c.pre_velocity)) * max(c.pre_speed, 1.0)
     V /= c.metric.norm(V)
@@ -124,7 +124,7 @@ def test_surfaces_that_move_together_see_the_bodies_move(law, problem):
     assert abs(gain - expected.energy_change) < 10 * tol * max(c.pre_speed, c.metric.norm(expected.post_velocity), 1.0)
     worst = max(expected.violations.kinematic, expected.violations.kinetic, expected.violations.energetic)
     if 1e-9 < worst / max(c.pre_speed, 1e-300) < 1e-5:
-        return  # so near to the boundary of S that the scale of the tolerance decides
+        return  # so close to the boundary of S that the scale of the tolerance decides
     if problem == "heavy ball hits light ones":
         return  # gradients of mass ratio 1e12: the common velocity of the surfaces is lost to rounding
     assert moving.admissible_set.contains(impact.post_velocity, 1e-7) == c.admissible_set.contains(
@@ -133,7 +133,7 @@ def test_surfaces_that_move_together_see_the_bodies_move(law, problem):
 
 
 def test_bat_and_ball():
-    """v+ = -e v- + (1 + e) u on a surface of velocity u; what the energy gains is the surface's work."""
+    """v+ = -e v- + (1 + e) u on a surface of velocity u; the energy gain is the work of the surface."""
     e, v, u, m = 0.8, -3.0, 2.0, 0.5
     c = Collision([[m]], [[1.0]], [v], surface_velocity=[-u])
     impact = Newton(e).resolve(c)
@@ -147,7 +147,7 @@ def test_bat_and_ball():
 
 
 def test_hammer_blow_under_a_stack():
-    """The table jumps to velocity u under three balls at rest: it collides by itself, and they go with it."""
+    """The table jumps to velocity u under three balls at rest: this alone is a collision, and they move with it."""
     u = 2.0
     J = np.vstack([[1.0, 0.0, 0.0], np.diff(np.eye(3), axis=0)])
     c = Collision(np.diag([1.0, 2.0, 3.0]), J, np.zeros(3), post_surface_velocity=[-u, 0.0, 0.0])
@@ -156,14 +156,14 @@ def test_hammer_blow_under_a_stack():
         np.testing.assert_allclose(impact.post_velocity, u, rtol=1e-14)
         np.testing.assert_allclose(impact.impulse, [12.0, 10.0, 6.0], rtol=1e-14)
         assert impact.energy_change == pytest.approx(12.0)
-        assert impact.surface_work == pytest.approx(12.0)  # the mean velocity of the table, u / 2, times 12 N s
+        assert impact.surface_work == pytest.approx(12.0)  # the table's mean velocity u / 2, times 12 N s
         assert impact.violations.is_admissible()
     with pytest.raises(InvalidCollisionError, match="jumps"):
         _ = c.admissible_set
 
 
 def test_a_hammer_blow_adds_to_an_impact():
-    """A ball that arrives when the table jumps: gamma+ = -e gamma-, with the table's velocity of each side."""
+    """A ball arrives when the table jumps: gamma+ = -e gamma-, each with the table's velocity on that side."""
     e, v, before, after = 0.5, -1.0, 0.25, 2.0
     c = Collision([[1.0]], [[1.0]], [v], surface_velocity=[-before], post_surface_velocity=[-after])
     impact = Newton(e).resolve(c)
@@ -240,7 +240,7 @@ def test_zeros_are_nothing():
 
 
 def test_contacts_that_constraints_hold_have_no_velocity_but_rounding():
-    """The first contact can move by rounding alone, and S(v-) is there even if the constraints drift."""
+    """Only rounding lets the first contact move; S(v-) exists even if the constraints drift."""
     M = np.array([[2.0, 0.3, 0.0], [0.3, 1.0, 0.2], [0.0, 0.2, 1.5]])
     rows = np.array([[0.3, 0.7, 0.1], [0.2, -0.1, 0.4]])
     J = np.vstack([[0.7, -0.3] @ rows, [1.0, 0.0, -0.4]])

@@ -16,7 +16,7 @@ def first_launched(n: int) -> np.ndarray:
 
 
 def assert_law(impact: Impact, target: np.ndarray, tol: float = 1e-10) -> None:
-    """Momentum and complementarity, by sparse products alone; M diagonal."""
+    """Check momentum and complementarity by sparse products alone, for diagonal M."""
     c = impact.collision
     m = c.mass_matrix.diagonal()
     lengths = np.sqrt((c.jacobian.power(2) / m).sum(axis=1))
@@ -31,7 +31,7 @@ def assert_law(impact: Impact, target: np.ndarray, tol: float = 1e-10) -> None:
 @pytest.mark.parametrize("n", [3, 101, 1001, 10001])
 @pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
 def test_moreau_of_a_launched_ball(n, e):
-    """v+ = (1 + e) p - e v-, p the common velocity 1/n; the impulse falls off linearly along the chain."""
+    """v+ = (1 + e) p - e v- with the common velocity p = 1/n; the impulses decrease linearly along the chain."""
     impact = Moreau(e).resolve(sparse_chain(np.ones(n), first_launched(n)))
     np.testing.assert_allclose(impact.post_velocity, (1 + e) / n - e * first_launched(n), rtol=0, atol=1e-12)
     np.testing.assert_allclose(impact.impulse, (1 + e) * np.arange(n - 1, 0, -1) / n, rtol=0, atol=1e-10)
@@ -64,7 +64,7 @@ def test_sparse_restitution_matrix():
 
 
 def test_grounded_chain():
-    """A chain whose last ball rests against a wall: all of the energy comes back under the elastic law."""
+    """A chain whose last ball rests against a wall: under the elastic law all of the energy comes back."""
     n = 1000
     J = sp.diags_array([-np.ones(n), np.ones(n - 1)], offsets=[0, 1], shape=(n, n))
     c = Collision(sp.eye_array(n), J, first_launched(n))
@@ -77,7 +77,7 @@ def test_grounded_chain():
 @pytest.mark.parametrize("n", [1000, 10000])
 @pytest.mark.parametrize("spread", [0.0, 6.0])
 def test_random_chain(n, spread):
-    """Masses over 0 and 6 orders of magnitude, random velocities: contacts that separate."""
+    """Masses over 0 and 6 orders of magnitude, random velocities: some contacts separate."""
     rng = np.random.default_rng([n, int(spread)])
     c = sparse_chain(10.0 ** rng.uniform(-spread / 2, spread / 2, n), rng.normal(size=n))
     e = rng.uniform(size=n - 1)
@@ -95,7 +95,7 @@ def test_random_chain(n, spread):
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("compression", [0.0, 1.0])
 def test_pile_of_disks(seed, compression):
-    """Redundant contacts: G is singular where there are no holes. The velocity is that of NNLS on arrays."""
+    """Redundant contacts: G is singular if there are no holes. The velocity is that of NNLS on dense arrays."""
     rng = np.random.default_rng([seed, 7])
     c = disks(12, rng, holes=0.1 * (seed % 3), compression=compression)
     assert (c.jacobian.shape[0] > c.jacobian.shape[1]) or seed % 3
@@ -116,7 +116,7 @@ def test_pile_of_hundreds_of_redundant_contacts():
 
 @pytest.mark.parametrize("seed", range(10))
 def test_primal_dual_agrees_with_nnls(seed):
-    """100 problems each: any kind of gradients, sparse ones, dependent ones. An answer, or none, never a wrong one."""
+    """100 problems with any gradients, sparse or dependent: an answer or none, but never a wrong one."""
     answered = 0
     for i in range(100):
         rng = np.random.default_rng([48, seed, i])
@@ -139,7 +139,7 @@ def test_primal_dual_agrees_with_nnls(seed):
 @pytest.mark.parametrize("touching", [1, 2, 3, 20])
 @pytest.mark.parametrize("shuffled", [False, True])
 def test_banded_delassus_is_the_delassus_matrix_of_unit_gradients(touching, shuffled):
-    """Contacts that share a degree of freedom with the ``touching - 1`` next ones; up to 8 and more than 8 of them."""
+    """Each contact shares degrees of freedom with the ``touching - 1`` next ones; up to 8, and more than 8."""
     rng = np.random.default_rng([51, touching])
     h = 60
     dense = np.zeros((h, h + touching - 1))

@@ -1,4 +1,4 @@
-"""A collision: its quantities, the kinetic metric, and what is not a collision."""
+"""A collision: its quantities, the kinetic metric, and invalid arguments."""
 
 from dataclasses import replace
 
@@ -58,7 +58,7 @@ def test_labels():
 
 @pytest.mark.parametrize("labels", ["ab", (1, 2), ("a/b", None), 5])
 def test_labels_are_texts(labels):
-    """Messages join them; two letters of one text are no two labels."""
+    """Messages join them; the letters of one text are not labels."""
     with pytest.raises(InvalidCollisionError, match="labels are texts, one for each contact"):
         Collision(np.eye(2), np.eye(2), [0, 0], labels=labels)
 
@@ -142,7 +142,7 @@ def test_metric(condition, diagonal):
 
 
 def test_random_collisions_reach_the_extremes_they_are_meant_to():
-    """The generator of the property tests: its ranges, so that those tests cannot lose them unseen."""
+    """Checks the ranges of the generator of the property tests, so that these cannot lose them unnoticed."""
     seen = [random_collision(np.random.default_rng([0, i])) for i in range(500)]
     assert max(len(c.labels) for c in seen) == 64
     assert max(np.linalg.cond(c.mass_matrix) for c in seen) > 1e11

@@ -12,7 +12,7 @@ EXACT = {"rtol": 0, "atol": 1e-12}
 
 
 def test_entities_of_the_real_cradle():
-    """Three balls, swapped: (1, 0, 0) -> (0, 0, 1); the second contact opens with energy that the first one gave."""
+    """Three balls, (1, 0, 0) -> (0, 0, 1); the second contact opens with energy from the first one."""
     impact = Fremond(SWAPPED).resolve(launched(3, 1))
     np.testing.assert_allclose(impact.post_contact_velocity, [0, 1], **EXACT)
     np.testing.assert_allclose(impact.mean_contact_velocity, [-0.5, 0.5], **EXACT)
@@ -49,7 +49,7 @@ def test_nothing_happens(problem_name):
 
 @pytest.mark.parametrize("problem_name", ["three balls", "rod", "box on its corners", "random dense"])
 def test_residual_sees_every_kind_of_error(problem_name):
-    """Relative to |v-|: a velocity off the balance, an impulse off it, a negative one, and one that does not belong."""
+    """Relative to |v-|: errors of the velocity and of an impulse, a negative impulse, and one that does not belong."""
     good = Moreau(0.5).resolve(PROBLEMS[problem_name]())
     c = good.collision
     assert good.residual < 1e-12
@@ -90,17 +90,17 @@ def test_round_trip(problem_name, law_name):
     assert seen.target_contact_velocity is None
     np.testing.assert_array_equal(seen.post_velocity, impact.post_velocity)
     units = c.whitened_jacobian / np.maximum(c.gradient_norms, 1e-300)[:, None]
-    if np.linalg.matrix_rank(units, tol=1e-4) == len(units):  # then only one impulse leads there
+    if np.linalg.matrix_rank(units, tol=1e-4) == len(units):  # then the impulse is unique
         scaled = (seen.impulse - impact.impulse) * c.gradient_norms
         np.testing.assert_allclose(scaled, 0.0, atol=1e-9 * speed)
 
 
 def test_penetration():
-    """The first ball goes on through the second, and a momentum of 0.2 is gone: v+ = (0.6, 0, 0.2)."""
+    """The first ball passes through the second, and a momentum of 0.2 is lost: v+ = (0.6, 0, 0.2)."""
     v = Impact.observed(launched(3, 1), [0.6, 0.0, 0.2]).violations
-    # the nearest velocity without penetration gives all three their mean, 0.8 / 3
+    # the nearest velocity without penetration is the mean for all three balls, 0.8 / 3
     assert v.kinematic == pytest.approx(np.sqrt(0.6**2 + 0.2**2 - 0.8**2 / 3), abs=1e-12)
-    # impulses keep the momentum: the nearest jump to (-0.4, 0, 0.2) without it lacks 0.2 along (1, 1, 1) / sqrt(3)
+    # impulses conserve momentum: the nearest such jump to (-0.4, 0, 0.2) lacks 0.2 along (1, 1, 1) / sqrt(3)
     assert v.kinetic == pytest.approx(0.2 / np.sqrt(3), abs=1e-12)
     assert v.energetic == 0.0
     assert not v.is_admissible()
@@ -117,7 +117,7 @@ def test_penetration_alone():
 
 
 def test_pulling_alone():
-    """Balls that separate with 1 are slowed down to 0.5 by a contact that holds on: Lambda = -0.25."""
+    """Balls that separate with 1 are slowed down to 0.5 by a contact that pulls: Lambda = -0.25."""
     c = balls([1.0, 1.0], [0.0, 1.0])
     impact = Impact.observed(c, [0.25, 0.75])
     np.testing.assert_array_equal(impact.impulse, [0.0])
@@ -145,7 +145,7 @@ def test_energy_from_nowhere():
 
 
 def test_a_force_that_is_no_contact():
-    """A sideways kick of 2 kg at 0.5 m/s: nothing but the kinetic condition is hurt, and only by it."""
+    """A sideways kick changes the velocity of 2 kg by 0.2 m/s, which violates only the kinetic condition."""
     c = box()
     v = Moreau(0.2).resolve(c).post_velocity.copy()
     v[0] -= 0.2
@@ -190,7 +190,7 @@ def test_outcome_that_is_not_numbers():
 
 
 def test_energy_of_a_small_jump_keeps_its_digits():
-    """T+ - T- of a slow contact of a fast system, far below the rounding of T."""
+    """T+ - T- of a slow contact of a fast system is far below the rounding of T."""
     c = Collision(np.diag([1.0, 1.0]), [[0.0, 1.0]], [1e4, -1e-5])
     impact = Moreau(0.0).resolve(c)
     assert impact.energy_change == pytest.approx(-0.5e-10, rel=1e-12)
@@ -208,7 +208,7 @@ def test_rod_is_one_point_collision_on_its_induced_contact():
 
 
 def test_a_velocity_beyond_all_energy_is_no_small_violation():
-    """Its square is infinite, and so is what it violates; NaN passed for 0."""
+    """Its square is infinite, and so is the violation. Regression: NaN counted as 0."""
     with np.errstate(over="ignore"):
         violations = Impact.observed(launched(3, 1), [1e200, 0.0, 0.0]).violations
     assert violations.energetic == np.inf
@@ -216,7 +216,7 @@ def test_a_velocity_beyond_all_energy_is_no_small_violation():
 
 
 def test_violations_in_words():
-    """Which there are and how large, to two digits; one of at most ``1e-9 |v-|`` is rounding."""
+    """Which conditions are violated and by how much, to two digits; up to ``1e-9 |v-|`` is rounding."""
     assert str(Violations(0.0, 0.0, 0.0, 1.0)) == "none"
     assert str(Violations(0.5, 0.0, 0.0, 1.0)) == "kinematic 0.5"
     assert str(Violations(1e-8, 2e-10, 2.0, 0.1)) == "kinematic 1e-08, kinetic 2e-10, energetic 2"

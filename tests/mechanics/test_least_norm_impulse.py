@@ -1,4 +1,4 @@
-"""The impulse of redundant contacts is the one of least norm."""
+"""The impulses of redundant contacts have least norm."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def tight(impact: Impact) -> np.ndarray:
 @pytest.mark.parametrize("tilt", [0.0, 0.3, 1.5001, 2.0])
 @pytest.mark.parametrize("side", [2, 3, 8])
 def test_symmetric_scene_has_symmetric_impulses(side, tilt):
-    """The box tilts about x only, so that rows of contacts along x share alike; from 1.5 on only those of one edge."""
+    """The box tilts about x only, so that contacts along x share equally; from 1.5 on only one edge has impulses."""
     impact = Moreau(0.5).resolve(box(side, tilt))
     rows = impact.impulse.reshape(side, side)
     np.testing.assert_allclose(rows, np.repeat(rows.mean(axis=1, keepdims=True), side, axis=1), **EXACT)
@@ -33,7 +33,7 @@ def test_symmetric_scene_has_symmetric_impulses(side, tilt):
 
 @pytest.mark.parametrize("seed", range(30))
 def test_box_on_64_points_moved_by_any_of_them(seed):
-    """Known impulses at some of the points; the sign of the impulse of least norm matters at others."""
+    """Known impulses act at some of the points; at others the sign of the least-norm impulse decides."""
     rng = np.random.default_rng([31, seed])
     c = box(8)
     pushed = rng.uniform(size=64) * (rng.uniform(size=64) < rng.choice([0.05, 0.2, 1.0]))
@@ -57,7 +57,7 @@ def test_duplicates_share_alike(copies):
 
 
 def test_duplicates_of_different_scale_share_by_least_squares():
-    """Rows 1, 2 and 3 of one gradient: min |Lambda| with Lambda_1 + 2 Lambda_2 + 3 Lambda_3 = p."""
+    """Multiples 1, 2 and 3 of one gradient: min |Lambda| with Lambda_1 + 2 Lambda_2 + 3 Lambda_3 = p."""
     c = Collision([[2.0]], [[1.0], [2.0], [3.0]], [-7.0])
     np.testing.assert_allclose(MaximalDissipation().resolve(c).impulse, [1.0, 2.0, 3.0], **EXACT)
 
@@ -96,7 +96,7 @@ def test_least_norm_of_duplicates_of_random_scale(seed):
 
 
 def test_least_norm_of_random_collisions():
-    """Every contact that may carry the impulse is part of the least norm, over rows of moderately different length."""
+    """All contacts that may carry the impulse share it with least norm, for rows of moderately different length."""
     checked = 0
     for i in range(400):
         c = random_collision(np.random.default_rng([33, i]), most=24)
@@ -104,7 +104,7 @@ def test_least_norm_of_random_collisions():
             continue
         scaled = np.linalg.svd(c.whitened_jacobian / c.gradient_norms[:, None], compute_uv=False)
         if not ((scaled < 1e-13 * scaled[0]) | (scaled > 1e-4 * scaled[0])).all():
-            continue  # neither dependent nor independent: what may share is a matter of tolerance
+            continue  # neither dependent nor independent: the set of sharing contacts depends on the tolerance
         impact = Moreau(0.5).resolve(c)
         if not impact.impulse.any():
             continue
@@ -118,13 +118,13 @@ def test_least_norm_of_random_collisions():
 
 @pytest.mark.parametrize("solver", ["auto", *(name for name in SOLVERS if name != "closed-form")])
 def test_parallel_gradients_share_under_every_solver(solver):
-    """Of ``Lambda_1 + 2 Lambda_2 = 1.5`` the least one is (0.3, 0.6); closed form is for one contact."""
+    """The least-norm solution of ``Lambda_1 + 2 Lambda_2 = 1.5`` is (0.3, 0.6); closed form is for one contact."""
     impact = Moreau(0.5).resolve(Collision([[1.0]], [[1.0], [2.0]], [-1.0]), solver=solver)
     np.testing.assert_allclose(impact.impulse, [0.3, 0.6], rtol=1e-6)
 
 
 def test_groups_of_sparse_contacts_share_among_themselves():
-    """Three like contacts on one body, two on another, of which one has twice the lever, and one that is alone."""
+    """Three equal contacts on one body, two on another, one of them with twice the lever, and a single one."""
     Y = np.array([[1.0, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, 1], [0, 2, 0], [1, 0, 0]])
     impulse, tight = np.array([3.0, 5.0, 0.0, 7.0, 0.0, 0.0]), np.ones(6, dtype=bool)
     shared = share_impulse(scipy.sparse.csr_array(Y), impulse, tight)
@@ -133,6 +133,6 @@ def test_groups_of_sparse_contacts_share_among_themselves():
     tight[5] = False
     shared = share_impulse(scipy.sparse.csr_array(Y), impulse, tight)
     np.testing.assert_allclose(shared, [1.5, 1, 1.5, 7, 2, 0], atol=1e-12)
-    tight[4] = False  # only the first group has something to share
+    tight[4] = False  # only contacts of the first group share
     shared = share_impulse(scipy.sparse.csr_array(Y), impulse, tight)
     np.testing.assert_allclose(shared, [1.5, 5, 1.5, 7, 0, 0], atol=1e-12)

@@ -1,4 +1,4 @@
-"""Chains, cradles and stacks of any size: in touch, with the masses and velocities asked for."""
+"""Chains, cradles and stacks of any size: touching, with the given masses and velocities."""
 
 import mujoco
 import numpy as np

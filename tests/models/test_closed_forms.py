@@ -14,7 +14,7 @@ SWAP = np.array([[0.0, 1.0], [1.0, 0.0]])
 
 
 def collision_at(name, qpos=None, qvel=None) -> Collision:
-    """The closed contacts of a scene as a collision, straight from MuJoCo's mass matrix and Jacobians."""
+    """Return the closed contacts of a scene as a collision, directly from MuJoCo's mass matrix and Jacobians."""
     model, data = load(name)
     data.qpos[:] = data.qpos if qpos is None else qpos
     data.qvel[:] = data.qvel if qvel is None else qvel
@@ -83,7 +83,7 @@ def test_wedge():
     for wall, velocity, impulse in ((0, [0.75, 1], 2), (1, [-1.17, 0.44], 12 / 5)):
         alone = Collision(c.mass_matrix, c.jacobian[[wall]], c.pre_velocity)
         check(Moreau(1).resolve(alone), velocity=velocity, impulse=[impulse], energy=1)
-        assert (c.jacobian @ velocity > -1e-15).all()  # and so a corner of S
+        assert (c.jacobian @ velocity > -1e-15).all()  # and therefore a corner of S
 
 
 def test_wedge_area_of_possible_right_velocities():
@@ -160,7 +160,7 @@ def test_rocking_platform():
 
 
 def test_rocking_platform_that_is_struck():
-    """Stepping turns the platform by itself: its velocity jumps from 0 to 2 rad/s under the block at rest."""
+    """Stepping turns the platform alone: its velocity jumps from 0 to 2 rad/s below the block at rest."""
     b, omega = 1 / 8, 2.0
     model, data = load("rocking_platform")
     data.qvel[:] = 0

@@ -1,4 +1,4 @@
-"""Every scene keeps the conventions, starts without overlap, and is found by its name; files that are no scenes."""
+"""Every scene follows the conventions, starts without overlap, and is found by name; files that are not scenes."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""A recording that was cut off is readable, and a file that cannot be written or read says so in one line."""
+"""Truncated recordings are readable; files that cannot be written or read are reported in one line."""
 
 import signal
 import subprocess
@@ -138,9 +138,9 @@ with Recorder(model, sys.argv[1]) as recorder:
 @pytest.mark.skipif(sys.platform == "win32", reason="there is no limit of the size of files")
 @pytest.mark.parametrize("limit", [500, 20_480, 100_000, 204_800])
 def test_a_disk_that_is_full_ends_the_run(tmp_path, limit):
-    """Rerun waits for ever where its writer is gone: at the start, in a flush, and at the end of the process."""
+    """Rerun waits forever once its writer is gone: at the start, in a flush, and at the end of the process."""
     command = [sys.executable, "-c", LIMITED, str(tmp_path / "run.rrd"), str(limit)]
-    for _ in range(3):  # it depends on which of its threads is the first
+    for _ in range(3):  # the outcome depends on which of its threads is the first
         done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
         assert done.returncode == 1
         assert "RecordingError: cannot write the recording" in done.stderr
@@ -284,7 +284,7 @@ for _ in range(200):
 
 
 def test_a_run_that_nobody_closes_is_whole(tmp_path):
-    """The last environment step ends with a frame that is flushed with the next ones."""
+    """The last environment step ends with a frame that is only flushed with the next ones."""
     command = [sys.executable, "-c", LEFT_OPEN, str(tmp_path / "run.rrd")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=True)
     assert "Traceback" not in done.stderr

@@ -1,4 +1,4 @@
-"""What a recording holds of friction, moving surfaces and bilateral constraints, only where there are any."""
+"""Friction, moving surfaces and bilateral constraints in recordings, only where there are any."""
 
 import math
 
@@ -43,7 +43,7 @@ def recorded(path, model, data, steps, law, move=None, **way):
 
 @pytest.fixture(scope="module")
 def oblique(tmp_path_factory):
-    """A ball that slides as it bounces; so fast that friction is all that it can be."""
+    """A ball that slides as it bounces, so fast that friction reaches its limit."""
     model, data = compiled(PLANE + ball(), condim=4)
     data.qvel[0] = 3.0
     path = tmp_path_factory.mktemp("oblique") / "run.rrd"
@@ -71,7 +71,7 @@ def test_friction_comes_back(oblique):
 
 
 def test_tangential_impulses_are_the_change_of_momentum(tmp_path):
-    """Of a ball that slides down into a corner of two planes, tilted against the world's axes."""
+    """A ball slides down into a corner of two planes that are tilted against the world's axes."""
     walls = PLANE + '<geom name="wall" type="plane" size="9 9 .1" pos="1 0 0" zaxis="-1 .3 .2"/>'
     model, data = compiled(walls + ball(place=".5 0 .5"))
     data.qvel[:3] = 3.0, 1.0, -0.5
@@ -86,7 +86,7 @@ def test_tangential_impulses_are_the_change_of_momentum(tmp_path):
 @pytest.mark.parametrize("way", [{}, {"scheme": "time-stepping"}, {"contact_model": "soft"}], ids=str)
 @pytest.mark.parametrize("turned", [0, 30, 90])
 def test_tangential_impulses_of_a_capsule_are_the_change_of_momentum(tmp_path, way, turned):
-    """MuJoCo lays the tangents of a capsule and a plane along the capsule, not as those of other geoms."""
+    """MuJoCo aligns the tangents of a capsule on a plane with the capsule, unlike those of other geoms."""
     capsule = f'<body pos="0 0 .11" euler="90 0 {turned}"><freejoint/><geom type="capsule" size=".1 .2"/></body>'
     model, data = compiled(PLANE + capsule)
     data.qvel[0], data.qvel[2] = 1.0, -1.0
@@ -129,7 +129,7 @@ def test_a_collision_without_friction_among_others(tmp_path):
 
 
 def table(path, law, condim=1):
-    """A table strikes, after three steps, and rises with 2 m/s, in a run longer than one batch."""
+    """Record a table that strikes after three steps and rises with 2 m/s, in a run longer than one batch."""
     world = '<body name="table" mocap="true"><geom name="table" type="box" size="1 1 .1" pos="0 0 -.1"/></body>'
     model, data = compiled(world + ball(place="0 0 .1"), condim=condim)
 
@@ -155,15 +155,15 @@ def test_moving_surfaces_come_back(tmp_path):
         assert row["energy_change"] == pytest.approx(impulse @ mean + row["surface_work"], abs=1e-12)
     worst = recording.worst_violation()
     assert worst is not None
-    assert worst.relative < 1e-12  # as seen from the table, although the ball was at rest
+    assert worst.relative < 1e-12  # relative to the table, although the ball was at rest
     assert "surface_work" in describe(recording)
 
 
 def test_columns_that_begin_in_a_later_batch(tmp_path):
-    """The first collisions have no friction, those of the second batch have; before them cells are empty."""
+    """The first collisions have no friction, but those of the second batch do; earlier cells are empty."""
     smooth = ball("smooth", "3 0 .3").replace("<geom", '<geom condim="1" priority="1"')
     model, data = compiled(PLANE + smooth + ball(place="0 0 9"))
-    data.qvel[8] = 7.0 - 1e-3  # up first
+    data.qvel[8] = 7.0 - 1e-3  # upwards first
     recording, events = recorded(tmp_path / "run.rrd", model, data, 2 * BATCH, Newton(0.9))
     with_friction = [isinstance(event.impact, FrictionImpact) for event in events]
     assert min(i for i, it in enumerate(with_friction) if it) > 1
@@ -189,7 +189,7 @@ def test_a_run_without_any_of_it_has_none_of_the_columns(tmp_path):
 
 
 def test_what_surfaces_crush_is_told_in_words(tmp_path):
-    """It was an infinite distance."""
+    """Regression: an infinite distance was printed."""
     plate = '<body name="plate" mocap="true" pos="0 0 .25"><geom name="plate" type="box" size=".2 .2 .02"/></body>'
     model, data = compiled(PLANE + plate + ball(place="0 0 .1"), condim=1)
 

@@ -1,4 +1,4 @@
-"""What a recording holds is what was simulated."""
+"""A recording holds exactly what was simulated."""
 
 import ast
 import csv
@@ -98,7 +98,7 @@ def test_extreme_numbers_come_back(tmp_path, scene):
 def test_contacts_and_marks(tmp_path, cradle_log):
     path, events = cradle_log
     marks = read_entities(path)[MARKS].counts("Points3D:positions").tolist()
-    assert marks == [4, 0] * len(events)  # each is taken away again
+    assert marks == [4, 0] * len(events)  # each mark is removed again
     one = random_event(np.random.default_rng(0), 1)
     with Recorder(model := load("box_drop")[0], tmp_path / "marks.rrd") as recorder:
         data = mujoco.MjData(model)

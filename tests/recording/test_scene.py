@@ -1,4 +1,4 @@
-"""A recording shows the scene as MuJoCo does, its energies and poses are those of their time, and it only looks."""
+"""A recording shows the scene as MuJoCo does, with energies and poses of their time, and does not change it."""
 
 from pathlib import Path
 
@@ -59,7 +59,7 @@ def test_energies_and_poses_belong_to_the_positions_of_their_time(tmp_path, kind
     with Recorder(model, tmp_path / "run.rrd") as recorder:
         for step in range(BATCH + 50):
             data.mocap_pos[0, 0] = 0.01 * step
-            mujoco.mj_step(model, data)  # leaves poses and inertia of the step before in data
+            mujoco.mj_step(model, data)  # leaves poses and inertia of the previous step in data
             recorder.step(data)
             mujoco.mj_copyState(model, data, check, int(mujoco.mjtState.mjSTATE_INTEGRATION))
             mujoco.mj_forward(model, check)
@@ -117,7 +117,7 @@ def test_geometry_of_every_kind(tmp_path, kinds):
         "fixed/plane", "fixed/hfield", "fixed/box", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh"
     }  # fmt: skip
     bodies = {name for entity in entities.values() for name in entity.static["impactlaw.Geometry:bodies"]}
-    assert bodies == {"world", "mocap", "body4", *BODIES}  # neither hidden nor clear
+    assert bodies == {"world", "mocap", "body4", *BODIES}  # neither hidden nor transparent
     assert "position/body4" in read_log(tmp_path / "run.rrd").series_names
 
 
@@ -162,7 +162,7 @@ def test_normals_are_of_length_one_and_those_that_mujoco_shades_with(kinds):
         for group in read_geometry(model)
         if type(group.archetype).__name__ == "Mesh3D"
     }
-    slope = np.array([-1 / 11 / 2 * 3 / 2, -4 / 11 / 2 / 0.8, 1.0])  # heights rise by 1 / 22 m from one to the next
+    slope = np.array([-1 / 11 / 2 * 3 / 2, -4 / 11 / 2 / 0.8, 1.0])  # neighbouring heights differ by 1 / 22 m
     np.testing.assert_allclose(normals[False], np.tile(slope / np.linalg.norm(slope), (36, 1)), atol=1e-6)
     (mesh,), rotation = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_MESH), np.zeros(9)
     mujoco.mju_quat2Mat(rotation, model.geom_quat[mesh])
@@ -188,7 +188,7 @@ def test_colours_are_those_mujoco_shows(kinds):
     rgba = {model.body(model.geom_bodyid[geom]).name: colors(model)[geom].tolist() for geom in range(model.ngeom)}
     assert rgba["sphere"] == [51, 102, 204, 255]  # the material's
     assert rgba["box"] == [128, 128, 128, 255]  # the default
-    assert colors(model)[4].tolist() == [255, 0, 0, 255]  # its own before the material's
+    assert colors(model)[4].tolist() == [255, 0, 0, 255]  # its own color takes precedence over the material's
 
 
 def test_a_scene_without_anything_to_see(tmp_path):
@@ -218,7 +218,7 @@ def test_size_on_the_humanoid(tmp_path):
                 mujoco.mj_step(model, data)
                 recorder.step(data)
             sizes.append((tmp_path / "run.rrd").stat().st_size)
-    assert np.diff(sizes).max() / BATCH < 700 + 8 * (model.nq + model.nv)  # positions and velocities, exactly
+    assert np.diff(sizes).max() / BATCH < 700 + 8 * (model.nq + model.nv)  # exactly the positions and velocities
 
 
 def test_a_body_without_a_name_does_not_take_that_of_another_one(tmp_path):

@@ -1,4 +1,4 @@
-"""What the options of a scene disable is off, and may be switched between steps."""
+"""Features that the options of a scene disable are off, and may be switched between steps."""
 
 import mujoco
 import numpy as np
@@ -21,7 +21,7 @@ FREE = -0.5 * 9.81
 
 
 def fall(stepper, data, seconds=0.5):
-    """Step for a while; return by how much the height, or the angle, has changed."""
+    """Step for a while; return the change of the height, or of the angle."""
     before = data.qpos.copy()
     for _ in range(round(seconds / stepper.model.opt.timestep)):
         stepper.step(data)

@@ -1,4 +1,4 @@
-"""Reading contacts and collisions out of a model and its state: what is refused rather than misread."""
+"""Reading contacts and collisions from a model and its state: invalid input is refused rather than misread."""
 
 import copy
 
@@ -12,7 +12,7 @@ from impactlaw.models import load
 
 
 def slider():
-    """A scene of one degree of freedom, whose single number fits into any array."""
+    """Return a scene of one degree of freedom, whose single number fits into any array."""
     body = '<body pos="0 0 1"><joint type="slide" axis="0 0 1"/><geom size=".1"/></body>'
     model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
     return model, mujoco.MjData(model)
@@ -62,7 +62,7 @@ TOUCHING = """<mujoco><option gravity="0 0 0" integrator="RK4"/>
 
 @pytest.mark.parametrize("limit", [0.0, 0.2], ids=["at a limit", "off it"])
 def test_the_friction_that_is_read_is_that_of_a_step(limit: float):
-    """The first collision of an event-driven step from contacts in touch is the one that is read there."""
+    """The collision that is read is the first collision of an event-driven step from touching contacts."""
     model = mujoco.MjModel.from_xml_string(TOUCHING)
     data = mujoco.MjData(model)
     data.qpos[-1] = limit

@@ -1,4 +1,4 @@
-"""The benchmark: its quick form runs, its tables are complete, and what it timed is right. Never that it is fast."""
+"""The benchmark: its quick form runs, its tables are complete, and the timed results are right. No test of speed."""
 
 from importlib.util import find_spec
 from pathlib import Path
@@ -25,7 +25,7 @@ def study():
 def tables(study, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
-        patch.chdir(tmp_path_factory.mktemp("benchmark"))  # MuJoCo writes its warnings into a file where it runs
+        patch.chdir(tmp_path_factory.mktemp("benchmark"))  # MuJoCo may write its warnings to a file there
         return benchmark.run(study)
 
 
@@ -158,7 +158,7 @@ def test_chains_are_solved_and_certified(study, tables):
     assert (law["residual"] < goals.CHAIN_RESIDUAL).all()
     solved = table[table["outcome"] == "solved"]
     positive(solved, "milliseconds", "ratio")
-    assert (solved["residual"] < 1e-6).all()  # OSQP's and Clarabel's answers are answers too
+    assert (solved["residual"] < 1e-6).all()  # answers of OSQP and Clarabel are correct, too
     osqp = table[table["solver"].str.startswith("osqp") & (table["h"] == 100)]
     assert (osqp["outcome"] == "solved").all()
     if find_spec("clarabel") is None:

@@ -1,4 +1,4 @@
-"""The study of cone solvers on a tiny scene: the scheme's own problems, a natural map by hand, peers that agree."""
+"""The study of cone solvers on a tiny scene: captured problems, a natural map by hand, and agreement of solvers."""
 
 from dataclasses import replace
 
@@ -44,7 +44,7 @@ def table(problems):
 
 
 def contact(b, exact=True):
-    """One contact of unit rows with coefficients of friction of 1."""
+    """Return one contact of unit rows with coefficients of friction of 1."""
     rows, one = sparse.csr_array(np.eye(3)), np.ones(1, np.int32)
     kind, tree = np.array([CONE], np.int32), np.zeros(3, np.int32)
     nothing = np.zeros(3)
@@ -74,7 +74,7 @@ def test_natural_map_by_hand(b, exact, x):
 
 
 def test_problems_are_those_of_the_scheme(scene, monkeypatch):
-    """What the scheme solved with is what our copy of its problem gives."""
+    """Our copy of the scheme's problem has the solution that the scheme found."""
     seen, own = [], contact_impulses.resolve_step
 
     def resolve(*arguments):
@@ -113,7 +113,7 @@ def test_problems(problems):
 
 
 def test_scaling_keeps_the_problem(problems):
-    """Longer rows and groups that cannot move change nothing."""
+    """Longer rows and groups that cannot move do not change the solution."""
     one = problems[0]
     longer = np.repeat(np.linspace(0.1, 10.0, len(one.size)), one.size)
     nothing = np.zeros(3)
@@ -168,7 +168,7 @@ def test_fifteen_scenes():
 
 
 def random_problem(seed):
-    """Return a convex problem that has a solution: contacts, a box and a soft bilateral row, more rows than dofs."""
+    """Return a solvable convex problem: contacts, a box, a soft bilateral row, more rows than degrees of freedom."""
     rng = np.random.default_rng(seed)
     size = np.array([3, 4, 1, 3, 6, 1, 1], np.int32)
     kind = np.array([CONE] * 5 + [BOX, BILATERAL], np.int32)
@@ -184,7 +184,7 @@ def random_problem(seed):
 
 @pytest.mark.parametrize("seed", range(20))
 def test_clarabel_finds_the_same_jump(seed):
-    """The velocity of the convex relaxation is unique, and an interior point method finds the same one."""
+    """The velocity of the convex relaxation is unique, and an interior point method finds it, too."""
     pytest.importorskip("clarabel", reason="clarabel, a reference to compare with, is not installed")
     problem = random_problem(seed)
     x, (other, _) = solved(problem), clarabel_cones.fixed_point(problem, problem.guess)

@@ -1,4 +1,4 @@
-"""Every example is short, runs without a display, and shows what its docstring says one sees."""
+"""Every example is short, runs without a display, and shows what its docstring promises."""
 
 import re
 import runpy
@@ -15,7 +15,7 @@ TRAINS = "train_in_many_worlds"
 
 @pytest.fixture(scope="module")
 def shown(tmp_path_factory):
-    """Run an example once; return what it prints, and the folder that it runs in."""
+    """Run an example once; return its output, and the folder that it runs in."""
     folder, kept = tmp_path_factory.mktemp("examples"), {}
 
     def run(name, capsys, monkeypatch):
@@ -31,7 +31,7 @@ def shown(tmp_path_factory):
 
 @pytest.fixture
 def numbers(shown, capsys, monkeypatch):
-    """The numbers in each line of an example, of lines that have some."""
+    """Return the numbers in each line of an example's output, for lines that contain numbers."""
 
     def read(name):
         lines = shown(name, capsys, monkeypatch).splitlines()
@@ -70,7 +70,7 @@ def test_hopper_bounces_higher_with_a_larger_coefficient(numbers):
 
 
 def test_the_ball_in_the_cup_loses_less_with_a_larger_coefficient(numbers):
-    rows = numbers("law_on_dm_control")[1:]  # below the head
+    rows = numbers("law_on_dm_control")[1:]  # below the header
     assert [row[0] for row in rows] == [0.0, 0.5, 0.9]
     assert rows[0][3] > rows[2][3] > 0.0
     assert all(row[1] > 0 for row in rows)

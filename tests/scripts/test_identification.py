@@ -1,4 +1,4 @@
-"""The study behind the page of identification, on a few drops and collisions: tables, picture, and where they go."""
+"""The study behind the page of identification, on a few drops and collisions: tables, picture, and their places."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The study of random collisions: none creates energy; its quick form."""
+"""The quick form of the study of random collisions: no collision creates energy."""
 
 import numpy as np
 import pytest

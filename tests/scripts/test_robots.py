@@ -1,4 +1,4 @@
-"""The study of robots on two tiny scenes: sane rows, verdicts from them, and a case that fails costs one row."""
+"""The study of robots on two tiny scenes: plausible rows, verdicts, and a failing case that costs one row only."""
 
 from pathlib import Path
 

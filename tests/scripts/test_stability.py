@@ -1,4 +1,4 @@
-"""The quick form of the stability study: every case has the verdicts that it states."""
+"""The quick form of the stability study: every case has its expected verdicts."""
 
 import numpy as np
 import pandas as pd
@@ -65,7 +65,7 @@ def test_the_certificate_accepts_moreaus_answer_and_no_other():
 
 
 def geared():
-    """A ball of 3 kg hits a slide of 1 kg, which a gear of -1.5 couples to one of 2 kg; the gear already slips."""
+    """A ball of 3 kg hits a slide of 1 kg that a gear of -1.5 couples to one of 2 kg; the gear already slips."""
     M, J = np.diag([1.0, 2.0, 3.0]), np.array([[1.0, 0.0, -1.0]])
     gear = np.array([[1.5, 1.0, 0.0], [3.0, 2.0, 0.0]])
     v = np.array([0.25, 0.5, 1.0])
@@ -83,14 +83,14 @@ def test_the_certificate_knows_bilateral_constraints():
     assert good.change == pytest.approx(work / _largest_energy(M, v, after, gear))
     assert certificate.certify(M, J, v, after, impulse, wanted).residual > 0.1
     assert certificate.certify(M, J, v, after, 1.001 * impulse, wanted, bilateral=gear).residual > 1e-4
-    along = np.array([0.0, 1e-6, 0.0])  # the gear gives
+    along = np.array([0.0, 1e-6, 0.0])  # the gear gives way
     assert certificate.certify(M, J, v, after + along, impulse, wanted, bilateral=gear).residual > 5e-7
     free = np.array([1e-6, -1.5e-6, 0.0])
     assert certificate.certify(M, J, v, after + free, impulse, wanted, bilateral=gear).residual > 5e-7
 
 
 def _largest_energy(M, before, after, gear):
-    """Of the motion that the constraints leave free."""
+    """Return the larger kinetic energy, before or after, of the motion that the constraints leave free."""
     Y = gear[:1] / np.sqrt(np.diag(M))
     y = Y[0] / np.linalg.norm(Y)
     z = [np.sqrt(np.diag(M)) * v for v in (before, after)]
@@ -98,7 +98,7 @@ def _largest_energy(M, before, after, gear):
 
 
 def thrown_ball(mu):
-    """A ball of 1 kg and radius 1 with (1, -2) m/s and without spin: slides if mu is small, else rolls away."""
+    """A ball of 1 kg and radius 1 lands with (1, -2) m/s and no spin: it slides if mu is small, otherwise it rolls."""
     M, v, radius = np.diag([1.0, 1.0, 0.4]), np.array([1.0, -2.0, 0.0]), 1.0
     J, T = np.array([[0.0, 1.0, 0.0]]), np.array([[1.0, 0.0, radius]])
     pressing = 1.5 * 2.0
@@ -114,19 +114,19 @@ def test_the_certificate_knows_friction(mu):
     good = certificate.certify(*numbers, sliding=sliding)
     assert max(good.residual, good.balance, good.penetration) < 1e-15
     assert good.change < 0
-    weaker = 0.999 * sliding.impulse  # momentum is kept: only Coulomb's law is broken
+    weaker = 0.999 * sliding.impulse  # momentum is conserved: only Coulomb's law is violated
     M, J, v, after, impulse, wanted = numbers
     after = after + np.linalg.solve(M, sliding.jacobian.T @ (weaker - sliding.impulse))
     found = certificate.certify(M, J, v, after, impulse, wanted, sliding=sliding._replace(impulse=weaker))
     assert found.residual > 1e-5
-    narrower = sliding._replace(coefficient=0.9 * sliding.coefficient)  # does not matter to a ball that rolls
+    narrower = sliding._replace(coefficient=0.9 * sliding.coefficient)  # does not matter if the ball rolls
     assert (certificate.certify(*numbers, sliding=narrower).residual > 1e-3) == (mu < 0.1)
-    belt = sliding._replace(before=np.full(1, -1.0), after=np.full(1, -1.0))  # nothing slides, seen from the belt
+    belt = sliding._replace(before=np.full(1, -1.0), after=np.full(1, -1.0))  # no slip relative to the belt
     assert certificate.certify(*numbers, sliding=belt).residual > 1e-2
 
 
 def test_the_certificate_counts_what_moving_surfaces_give():
-    """A table rises at 2 m/s under a ball at rest, e = 0.5: v+ = 3, its impulse 3, its work 3 x 2."""
+    """A table rises at 2 m/s below a ball at rest, e = 0.5: v+ = 3, its impulse is 3, its work 3 x 2."""
     one, w = np.ones((1, 1)), np.full(1, -2.0)
     numbers = one, one, np.zeros(1), np.full(1, 3.0), np.full(1, 3.0), np.full(1, 1.0)
     good = certificate.certify(*numbers, surfaces=(w, w))
@@ -165,7 +165,7 @@ def test_the_command_writes_every_row_and_fails_where_a_verdict_is_another(tmp_p
     assert len(table) == len(case.laws) * len(case.solvers)
     assert set(table.verdict) == {RIGHT, REFUSED}
     assert "refused, as expected" in capsys.readouterr().out
-    strict = verdicts.Case(chosen, case.kind, case.measure, case.laws, case.solvers)  # that states no refusal
+    strict = verdicts.Case(chosen, case.kind, case.measure, case.laws, case.solvers)  # without expected refusals
     monkeypatch.setitem(stability.CASES, chosen, strict)
     with pytest.raises(SystemExit) as end:
         stability.main(study, tmp_path)

@@ -1,4 +1,4 @@
-"""The kept tables are those of the stated studies, and say what the README says of them."""
+"""The stored tables belong to the stated studies, and agree with the README."""
 
 from pathlib import Path
 

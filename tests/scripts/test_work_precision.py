@@ -1,4 +1,4 @@
-"""The study of work and precision: its measure of error, its orders, its verdicts; one quick run for all tests."""
+"""The work-precision study: its measure of error, its orders and its verdicts; one quick run for all tests."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from scripts.work_precision.trajectories import rigid, soft, tuned
 
 
 def jumping(at: float, offset: float = 0.0) -> list[Arc]:
-    """Positions |t - at| + offset over [0, 2]: the velocity jumps from -1 to 1."""
+    """Return the positions |t - at| + offset over [0, 2]: the velocity jumps from -1 to 1."""
 
     def piece(sign: float):
         return lambda t: np.column_stack([sign * (t - at) + offset, np.full_like(t, sign)])
@@ -35,7 +35,7 @@ def test_a_trajectory_has_no_distance_from_itself():
 def test_a_late_bounce_counts_by_its_lateness(late):
     graph = CompletedGraph(jumping(1.0))
     distance = graph.distance(states(jumping(1.0 + late))).max()
-    assert 0.1 * late < distance < 1.00001 * late  # at equal times the velocities differ by 2 for a while
+    assert 0.1 * late < distance < 1.00001 * late  # at equal times the velocities differ by 2 for a short time
 
 
 def test_what_a_jump_passes_through_belongs_to_the_graph_and_what_it_does_not_is_as_far_as_it_is():
@@ -74,7 +74,7 @@ def test_envelopes_and_errors_at_equal_run_time():
 @pytest.mark.parametrize("e", [0.2, 0.5, 0.9])
 def test_tuned_contacts_bounce_with_the_restitution_they_are_tuned_to(e):
     model, start = load("bouncing_ball")
-    model.opt.timestep, model.opt.gravity[2] = 1e-4, 0.0  # the tuning knows of no gravity
+    model.opt.timestep, model.opt.gravity[2] = 1e-4, 0.0  # the tuning ignores gravity
     start.qpos[:], start.qvel[:] = 0.01, -1.0
     points = soft(tuned(model, e, 100), start, 400).points
     assert points[-1, 2] == pytest.approx(e, rel=0.01)
@@ -87,12 +87,12 @@ def test_time_stepping_is_leapfrog_in_flight_and_keeps_what_rests():
     for steps in (20, 40, 80):
         model.opt.timestep = 0.4 / steps
         ends.append(rigid(model, start, Moreau(1.0), steps, way="time-stepping", repeat=False).points[-1])
-    assert np.abs(ends[-1][1:5]).max() < 1e-12  # the balls that hang in touch stay
+    assert np.abs(ends[-1][1:5]).max() < 1e-12  # balls that hang in touch do not move
     assert np.log2((ends[0] - ends[1])[5] / (ends[1] - ends[2])[5]) == pytest.approx(2.0, abs=0.1)
 
 
 def test_the_order_of_time_stepping_on_the_bouncing_ball_is_one():
-    """Averaged over starting heights, so that it does not matter where in their steps the impacts fall."""
+    """Errors are averaged over initial heights, so that the phases of impacts within a step do not matter."""
     model, start = load("bouncing_ball")
     timesteps, errors = 0.016 * 0.5 ** np.arange(5), np.empty((5, 16))
     for j, height in enumerate(np.linspace(0.8, 1.2, 16)):
@@ -147,7 +147,7 @@ def test_rigid_stepping_is_ten_thousand_times_nearer_than_soft_contacts_at_equal
     table = results.advantage.set_index(["method", "scene"]).ratio
     assert table[LOCATED, "bouncing ball"] > 1e4
     assert table[LOCATED, "cradle, Moreau"] > 1e4
-    assert table[TIME_STEPPING].min() > 0.5  # of the same order as MuJoCo's tuned contacts or better, on every scene
+    assert table[TIME_STEPPING].min() > 0.5  # at least of the same order as MuJoCo's tuned contacts, on every scene
 
 
 def test_files_carry_the_machine_and_every_table(quick):

@@ -1,4 +1,4 @@
-"""The references of the study of work and precision, and that the steppers come near them."""
+"""The references of the work-precision study, and the distance of the steppers from them."""
 
 from itertools import pairwise
 

@@ -1,4 +1,4 @@
-"""Dense problems are solved on one BLAS thread, and nobody else notices."""
+"""Dense problems are solved on one BLAS thread, without an effect on other code."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def threads() -> list[int]:
 
 @pytest.fixture
 def several():
-    """As many threads as a user's process may have, whatever the machine."""
-    import_module("scipy.linalg")  # it brings a library of its own
+    """Allow two BLAS threads, as a user's process may, whatever the machine."""
+    import_module("scipy.linalg")  # which loads a BLAS library of its own
     with ThreadpoolController().limit(limits=2, user_api="blas"):
         if min(threads()) < 2:
             pytest.skip("this BLAS has one thread only")

@@ -1,4 +1,4 @@
-"""From a problem to a certified answer: no wrong one passes, guesses, proofs that there is none, projections."""
+"""From a problem to a certified answer: no wrong answers, guesses, proofs of infeasibility, projections."""
 
 import sys
 
@@ -42,7 +42,7 @@ def calls_it_infeasible(problem: Problem) -> Solution:
 @pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
 @pytest.mark.parametrize("bad", [not_a_number, gives_up, calls_it_infeasible])
 def test_no_wrong_answer_passes(monkeypatch, bad):
-    """A solver that fails is refused by name, and replaced in "auto"."""
+    """A solver that fails is refused if it is named, and replaced under "auto"."""
     c = launched(5, 2)
     law = Newton([0.1, 0.2, 0.3, 0.4])
     right = law.resolve(c)
@@ -53,7 +53,7 @@ def test_no_wrong_answer_passes(monkeypatch, bad):
 
 
 def test_a_wrong_active_set_is_refused(monkeypatch):
-    """The second look corrects impulses on the contacts a solver names, not which contacts those are."""
+    """The refinement corrects impulses on the contacts that a solver chooses, but not the choice."""
     c = launched(3, 1)
     law = Fremond(np.array([[0.0, 1.0], [1.0, 0.0]]))
     monkeypatch.setitem(SOLVERS, "nnls", lambda problem: Solution(np.array([1.0, 0.0])))
@@ -64,7 +64,7 @@ def test_a_wrong_active_set_is_refused(monkeypatch):
 
 
 def test_the_certificate_is_sharp(monkeypatch):
-    """Leaving out a contact that stays 1e-6 too slow is an error of 1e-6, whatever the solver says."""
+    """If a contact is left out that remains 1e-6 too slow, the error is 1e-6, whatever the solver claims."""
     c = Collision(np.eye(2), [[1.0, 0.0], [0.6, 0.8]], [-1.0, -1.5e-6 / 1.2])
     monkeypatch.setitem(SOLVERS, "nnls", lambda problem: Solution(np.array([1.5, 0.0])))
     with pytest.raises(SolverError, match=r"'nnls' reached relative residual 1.0e-06 on 2 contacts"):
@@ -74,13 +74,13 @@ def test_the_certificate_is_sharp(monkeypatch):
 
 @pytest.mark.parametrize("solver", [name for name in SOLVERS if name not in ("osqp", "projected-gauss-seidel")])
 def test_a_fast_collision_elsewhere_excuses_nothing(solver):
-    """Two separate collisions, one 1e20 times faster: each is exact."""
+    """Two separate collisions, one of them 1e20 times faster: each is exact."""
     c = Collision(np.eye(2), np.eye(2), [-1e8, -1e-12])
     np.testing.assert_allclose(Moreau(0.5).resolve(c, solver=solver).post_velocity, [0.5e8, 0.5e-12], rtol=1e-12)
 
 
 def test_a_law_that_knows_a_velocity_is_never_called_unsolvable(monkeypatch):
-    """The projection on a cone exists; a proof that it does not is a mistake."""
+    """The projection on a cone always exists, so that a proof of the contrary is wrong."""
     monkeypatch.setattr(sys.modules["impactlaw.solvers.solve"], "farkas_ray", lambda problem: problem.norms)
     monkeypatch.setattr(sys.modules["impactlaw.solvers.solve"], "judge_active", lambda problem, active: None)
     for name in SOLVERS:
@@ -97,7 +97,7 @@ def test_a_law_that_knows_a_velocity_is_never_called_unsolvable(monkeypatch):
 @pytest.mark.parametrize("h", [2, 3, 4, 8, 16, 40])
 @pytest.mark.parametrize("knows_velocity", [False, True])
 def test_independent_contacts_are_solved_as_by_nnls(h, knows_velocity):
-    """The active set is that of NNLS; bounds of both signs, so that contacts leave and enter."""
+    """The active set is that of NNLS; bounds have both signs, so that contacts leave and enter."""
     for seed in range(40):
         rng = np.random.default_rng([52, h, seed])
         Y, d = rng.normal(size=(h, 2 * h)), rng.normal(size=2 * h)
@@ -144,7 +144,7 @@ def test_farkas_ray_names_only_what_conflicts():
 
 
 def test_a_far_solution_is_a_solution():
-    """Nearly opposite gradients: what looks like a conflict of 2e-8 is solved by a jump 200 times as large."""
+    """Nearly opposite gradients: an apparent conflict of 2e-8 is solved by a jump 200 times as large."""
     Y = np.array([[1.0, 0.0], [-1.0, 1e-10]])
     answer = solve_with_jump(Problem(Y, np.array([1.0, -1.0 + 2e-8])), ("a", "b"))
     np.testing.assert_allclose(answer.jump, [1.0, 200.0], rtol=1e-6)
@@ -153,7 +153,7 @@ def test_a_far_solution_is_a_solution():
 
 
 def test_small_conflicts_are_conflicts():
-    """1e-9 of the velocities is seen, 1e-14 is rounding."""
+    """A conflict of 1e-9 of the velocities is found; 1e-14 is rounding."""
     Y = np.array([[1.0, 0.0], [-1.0, 0.0]])
     with pytest.raises(UnsolvableLawError):
         solve(Problem(Y, np.array([1.0, -1.0 + 1e-9])), ("a", "b"))
@@ -163,7 +163,7 @@ def test_small_conflicts_are_conflicts():
 
 @pytest.mark.parametrize("seed", range(40))
 def test_nonnegative_combination_is_the_projection(seed):
-    """Nearest in the cone: the rest is orthogonal to it and points out of it."""
+    """The combination is the nearest point of the cone: the rest is orthogonal to it and points outwards."""
     rng = np.random.default_rng([43, seed])
     Y, point = rng.normal(size=(6, 4)), rng.normal(size=4)
     assert_nearest_in_cone(Y, point, nonnegative_combination(Y, point))
@@ -206,7 +206,7 @@ def test_a_proof_has_an_entry_for_each_contact(gradients, velocity, E, solver):
 
 
 def test_groups_of_very_different_speeds_are_not_called_unsolvable():
-    """A law of one coefficient always has a solution, whatever the solver."""
+    """A law with one coefficient always has a solution, whatever the solver."""
     rng = np.random.default_rng(0)
     for _ in range(40):
         Q, a = np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.uniform(0, 2 * np.pi, size=2)

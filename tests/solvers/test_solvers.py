@@ -1,4 +1,4 @@
-"""The solvers: certified answers on random problems of every kind, and each solver by name."""
+"""The solvers: certified answers on random problems of every kind, and each solver by its name."""
 
 import re
 import warnings
@@ -29,9 +29,9 @@ def batch(seed):
 
 @pytest.mark.parametrize("seed", BATCHES)
 def test_moreau_is_a_half_line(seed):
-    """v+ = (1 + e) p - e v-, p the point of maximal dissipation; both certified, neither adds energy.
+    """v+ = (1 + e) p - e v- with the point p of maximal dissipation; both are certified, and neither adds energy.
 
-    To 1e-9, and to what rounding of the gradients does to v+ where those that carry impulses are nearly dependent.
+    To 1e-9, and to the effect of rounding of the gradients on v+ if those with impulses are nearly dependent.
     """
     tolerances = []
     for rng, c in batch(seed):
@@ -94,13 +94,13 @@ def test_velocity_of_random_laws_agrees_with_rational_arithmetic(seed):
 @pytest.mark.parametrize("slow", [1e-3, 1e-6, 1e-9])
 @pytest.mark.parametrize("law_name", LAWS)
 def test_slow_contact_of_a_fast_system(law_name, slow):
-    """A box slides fast and settles slowly: what it settles with is resolved to its own digits."""
+    """A box slides fast and settles slowly: its settling velocity is resolved to its own digits."""
     c = PROBLEMS["box on its corners"]()
     slid = Collision(c.mass_matrix, c.jacobian, [1.0, 0.0, -slow, 0.0, 0.0, 0.0])
     law = LAWS[law_name](slid)
     impact = law.resolve(slid)
     assert_certified(impact, law)
-    if law_name not in ("linear map", "newton of speed"):  # which are not of the first degree in the settling speed
+    if law_name not in ("linear map", "newton of speed"):  # these are not homogeneous in the settling speed
         alone = Collision(c.mass_matrix, c.jacobian, [0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
         settled = law.resolve(alone).post_velocity
         np.testing.assert_allclose(impact.post_velocity[2:], slow * settled[2:], rtol=0, atol=1e-6 * slow + 1e-14)
@@ -108,7 +108,7 @@ def test_slow_contact_of_a_fast_system(law_name, slow):
 
 @pytest.mark.parametrize("fixed", [0, 1])
 def test_conflict_within_rounding_is_no_conflict(fixed):
-    """Two copies of one gradient and its opposite close with the rounding of a speed of 1; and a row of zeros."""
+    """Two copies of a gradient and its opposite close with the rounding error of a speed of 1; also with a zero row."""
     J = [[0.0, 1.0], [0.0, 1.0], [0.0, -1.0]] + [[0.0, 0.0]] * fixed
     c = Collision(np.eye(2), J, [1.0, -1e-16])
     law = Newton([1.0, 0.2, 0.0] + [0.5] * fixed)
@@ -119,7 +119,7 @@ def test_conflict_within_rounding_is_no_conflict(fixed):
 
 @pytest.mark.parametrize("seed", [24626, 392891, 397219])
 def test_rank_that_is_rounding(seed):
-    """Collisions, some 1 in 50 000 of these, in which solvers take rounding of the gradients for directions."""
+    """In about 1 of 50 000 random collisions, solvers may take rounding of the gradients for independent directions."""
     c = random_collision(np.random.default_rng([45, seed]))
     law = LinearMap(-np.diag(np.linspace(0, 1, len(c.pre_velocity)))) if seed == 397219 else Moreau(0.5)
     assert_certified(law.resolve(c), law)
@@ -127,7 +127,7 @@ def test_rank_that_is_rounding(seed):
 
 @pytest.mark.parametrize("angle", [1e-2, 1e-5, 1e-8])
 def test_jammed_wedge(angle):
-    """Impulses of 1/angle that nearly cancel: v+ keeps its digits although Lambda cannot be rounded that finely."""
+    """Impulses of 1/angle nearly cancel: v+ keeps its digits although Lambda cannot be rounded that finely."""
     c = Collision(np.eye(2), [[1.0, angle], [-1.0, angle]], [0.0, -1.0])
     impact = Moreau(0.5).resolve(c)
     np.testing.assert_allclose(impact.post_velocity, [0.0, 0.5], atol=1e-12)
@@ -137,7 +137,7 @@ def test_jammed_wedge(angle):
 
 @pytest.mark.parametrize("exponent", range(-17, -7))
 def test_jammed_beyond_double_precision_is_certified_or_refused(exponent):
-    """Opposite gradients to within rounding: impulses of any size cancel, and no answer may be made up."""
+    """Gradients are opposite to within rounding: impulses of any size cancel, and no answer may be invented."""
     for i in range(30):
         rng = np.random.default_rng([46, -exponent, i])
         h, nv = int(rng.integers(2, 30)), int(rng.integers(2, 15))
@@ -164,8 +164,11 @@ NOT_OF_A_VELOCITY = [
 
 
 def refuses(solver, law_name, problem_name, collides):
-    """Closed form: more than one contact. NNLS: wanted contact velocities that no velocity has. The dual active set:
-    gradients so dependent, 1e-6, that it sees no solution. Primal-dual: G that is singular to 1e-14."""
+    """Return whether a solver refuses a problem.
+
+    Closed form refuses more than one contact; NNLS contact velocities that no velocity has; the dual active set
+    gradients so dependent, 1e-6, that it sees no solution; primal-dual a G that is singular to 1e-14.
+    """
     if solver == "closed-form":
         return collides and problem_name not in ["one contact", "contact that cannot move"]
     if solver == "nnls":
@@ -179,7 +182,7 @@ ITERATIVE = ["osqp", "projected-gauss-seidel"]
 
 
 def converges(law, c, solver) -> bool:
-    """Whether an iterative solver comes to an answer; otherwise it says how far it came."""
+    """Return whether an iterative solver converges; otherwise check that it reports how far it came."""
     try:
         law.resolve(c, solver=solver)
     except SolverError as error:
@@ -234,7 +237,7 @@ def test_iterative_solvers_converge_where_it_is_easy(solver, problem_name):
 
 
 def test_iterative_solvers_at_loose_accuracy():
-    """More sweeps or a smaller tolerance come nearer; the status and the residual say how near."""
+    """More sweeps or a smaller tolerance reduce the error; status and residual report it."""
     c = launched(20, 1)
     problem = Problem(c.whitened_jacobian, -1.5 * c.pre_contact_velocity, -1.5 * c.whitened_velocity)
     exact = Moreau(0.5).resolve(c).impulse
@@ -254,7 +257,7 @@ def test_iterative_solvers_at_loose_accuracy():
 
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_solvers_never_raise(solver):
-    """Unsolvable, empty, not closing, zero: a status, not an exception or a warning."""
+    """Unsolvable, empty, opening and zero problems give a status, not an exception or a warning."""
     opposite = np.array([[1.0, 0.0], [-1.0, 0.0]])
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -1,4 +1,4 @@
-"""Laws of environments as info and specs name them."""
+"""Names of laws of environments in info and in specs."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""A law that is drawn for each episode, and laws that draw their outcomes, in environments."""
+"""Environments with a law that is drawn for each episode, and with laws that draw their outcomes."""
 
 import json
 
@@ -24,7 +24,7 @@ def juggler(**options):
 
 
 def drawn(env, n, seed=0, **options):
-    """Law and restitution of n episodes, the first one seeded."""
+    """Return law and restitution of n episodes, the first one seeded."""
     infos = [env.reset(seed=seed if i == 0 else None, **options)[1] for i in range(n)]
     return [(info["impact/law"], info.get("impact/restitution")) for info in infos]
 
@@ -96,11 +96,11 @@ def test_options_of_the_user_come_first():
     for law, e in drawn(env, 6, 1, options={"restitution": 0.1}):
         assert e == 0.1
         assert not law.startswith("Any")
-    for law, e in drawn(env, 6, 1, options={"law": "reversal"}):  # which has 1 if none is given
+    for law, e in drawn(env, 6, 1, options={"law": "reversal"}):  # whose restitution is 1 if none is given
         assert law == "Reversal(restitution=1.0)"
         assert e == 1.0
     assert drawn(env, 6, 1, options={}) == free
-    env.reset(seed=1, options={"law": "moreau", "restitution": 0.2})  # takes as many random numbers
+    env.reset(seed=1, options={"law": "moreau", "restitution": 0.2})  # uses as many random numbers
     assert [env.reset()[1]["impact/law"] for _ in range(5)] == [law for law, _ in free[1:]]
     with pytest.raises(UnknownNameError, match="option of reset"):
         env.reset(options={"lw": "moreau"})

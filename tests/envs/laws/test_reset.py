@@ -1,4 +1,4 @@
-"""Laws that a reset asks for are for its episode, also in copies."""
+"""A law that is given to reset holds for this episode only, also in copies."""
 
 import copy
 import pickle
@@ -87,7 +87,7 @@ def test_options_of_a_reset_that_do_not_fit(make, options, error, message):
 
 
 def starts(env, options):
-    """What the second and third reset give, and between them perhaps one that is refused."""
+    """Return the results of the second and the third reset, with refused resets between them if options are given."""
     env.reset(seed=3)
     found = [env.reset()]
     if options is not None:
@@ -166,7 +166,7 @@ def test_an_unknown_option_raises_in_dm_control_too():
 
 
 class Taking(gymnasium.Wrapper):
-    """Somebody's wrapper whose reset takes an option of its own."""
+    """A wrapper from elsewhere whose reset takes an option of its own."""
 
     def reset(self, *, seed=None, options=None):
         self.taken = options

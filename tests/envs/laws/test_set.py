@@ -1,4 +1,4 @@
-"""Laws of environments, own and wrapped, that are set later; what is settled when they are made."""
+"""Laws of our own and of wrapped environments that are set later, and options that are fixed when they are made."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Episodes in recordings: states, actions and rewards, and that they can be played again."""
+"""Episodes in recordings: states, actions and rewards, and that they can be replayed."""
 
 import itertools
 import json
@@ -39,7 +39,7 @@ def test_a_recording_holds_states_actions_rewards_and_episodes(name, tmp_path):
 @every_maker
 @pytest.mark.parametrize("number", [0, 2])
 def test_an_episode_can_be_played_again_from_a_recording(name, number, tmp_path):
-    """Drawn from a seed or not, and under another law than the environment's."""
+    """Episodes with and without a seed, and under another law than the environment's."""
     env = makers(log=tmp_path / "run.rrd")[name]()
     play(env, 2)
     env.reset(options={"law": "moreau", "restitution": 0.125})

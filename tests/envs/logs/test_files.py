@@ -1,4 +1,4 @@
-"""Recordings of environments: one file each, none written over, and which episodes are in them."""
+"""Recordings of environments: one new file each, never overwritten, and the episodes in them."""
 
 import copy
 
@@ -35,7 +35,7 @@ def test_vector_environments_write_a_file_each(mode, tmp_path):
 
 def test_vector_environments_that_would_share_a_file_are_refused(tmp_path):
     vector = gymnasium.make_vec(JUGGLER, num_envs=2, vectorization_mode="sync", log=str(tmp_path / "run.rrd"))
-    for _ in range(2):  # the second environment says so each time, and begins no other file
+    for _ in range(2):  # the second environment reports it every time, and starts no other file
         with pytest.raises(RecordingError, match=r'run\.rrd is there already, .*log=".*run-\{env\}\.rrd"'):
             vector.reset(seed=0)
     vector.close()
@@ -124,7 +124,7 @@ def test_actions_and_rewards_of_bare_dm_control(tmp_path):
     rng, told = np.random.default_rng(0), []
     env = suite.load("cartpole", "balance", task_kwargs={"random": 0, "time_limit": 0.1})
     placed = put_law(env, "moreau", 0.5, log=tmp_path / "run.rrd")
-    twin = copy.deepcopy(env)  # does not record
+    twin = copy.deepcopy(env)  # the copy does not record
     for _ in range(2):
         env.reset()
         step = None
@@ -132,7 +132,7 @@ def test_actions_and_rewards_of_bare_dm_control(tmp_path):
             action = rng.uniform(-1.0, 1.0, 1)
             step = env.step(action)
             told.append((action, step.reward))
-    env.step(action)  # is a reset, which has no reward
+    env.step(action)  # this step only resets, without a reward
     twin.reset()
     twin.step(action)
     placed.remove()

@@ -1,4 +1,4 @@
-"""Replays of recorded episodes: what a recording tells of its environment, and what is refused."""
+"""Replays of recorded episodes: what a recording stores about its environment, and what is refused."""
 
 import gymnasium
 import mujoco
@@ -19,7 +19,7 @@ pytestmark = theirs
 
 
 def assert_same_states(env, episode, laws=()):
-    """Step through an episode, and set laws on the way."""
+    """Step through an episode, set laws on the way, and compare the states."""
     data, holder = env.unwrapped.data, law_holder(env)
     for i, (action, frame) in enumerate(zip(episode.actions, episode.frame, strict=True)):
         for change in laws:
@@ -31,7 +31,7 @@ def assert_same_states(env, episode, laws=()):
 
 
 def test_actions_of_different_kinds_are_played_again(tmp_path):
-    """A whole number comes first: those that follow keep their fractions."""
+    """The first action has integers; later ones keep their fractions."""
     env = makers(log=tmp_path / "run.rrd")["wrapped"]()
     env.reset(seed=5)
     told = [[0, 0, 0], np.full(3, 0.3, np.float32), np.full(3, 0.7), (0.1, 1, 0)]
@@ -48,7 +48,7 @@ def test_actions_of_different_kinds_are_played_again(tmp_path):
 
 
 class ManyRewards(gymnasium.Wrapper):
-    """Somebody's wrapper that gives one reward for each of several aims."""
+    """A wrapper from elsewhere that gives one reward for each of several objectives."""
 
     def step(self, action):
         observation, reward, *rest = self.env.step(action)
@@ -131,7 +131,7 @@ def test_a_law_at_the_start_that_cannot_be_written_down_is_compared_by_its_text(
         restart(bare(JUGGLER), episode)
 
 
-# Environments that are made otherwise
+# Environments that were made with other arguments
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Worlds that tests of laws and of misuse share."""
+"""Worlds shared by tests of laws and of wrong arguments."""
 
 import gymnasium
 import pytest

@@ -1,4 +1,4 @@
-"""Single environments in the place of worlds have laws as these do."""
+"""Vector environments made of single environments take laws in the same forms as many worlds do."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def make(name=NAME, **options):
 
 @pytest.mark.parametrize("restitution", [[0.1, 0.9], (0.1, 0.9), np.array([0.1, 0.9])], ids=["list", "tuple", "array"])
 def test_a_restitution_for_each(restitution):
-    """RockingBlock has two contacts, so that two coefficients could be those of one environment."""
+    """RockingBlock has two contacts, so that two coefficients could also belong to a single environment."""
     vec = make("impactlaw/RockingBlock-v0", law="newton", restitution=restitution)
     assert [law.restitution for law in vec.law] == [0.1, 0.9]
     vec.close()
@@ -79,7 +79,7 @@ def test_a_restitution_goes_with_the_law_in_force():
 
 @pytest.mark.parametrize("given", [Newton(0.3), "maximal-dissipation", "scene"], ids=repr)
 def test_a_restitution_for_a_law_that_has_its_own_is_refused(given):
-    """As in a single environment: a `Law` that was set was replaced without a word."""
+    """As in a single environment. Regression: a `Law` object that had been set was replaced silently."""
     single = gymnasium.make(NAME, scheme="time-stepping").unwrapped
     vec = gymnasium.make_vec(NAME, 2)
     for env in (single, vec):

@@ -1,4 +1,4 @@
-"""Many worlds of environments with a driven mocap body are as the single environment, time stepped."""
+"""Many worlds of environments with a driven mocap body behave as the single environment under time stepping."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def make(name: str, num_envs: int, **options: Any) -> VectorWorlds:
 
 
 def _as_singles(worlds: VectorWorlds, singles: Sequence[gymnasium.Env], steps: int, seed: int) -> tuple[int, int, int]:
-    """Compare step by step; return how many episodes ended, how many were truncated, and the collisions."""
+    """Compare step by step; return the numbers of ended episodes, of truncated ones, and of collisions."""
     rng, over = np.random.default_rng(seed), np.zeros(len(singles), bool)
     ends = cuts = collisions = 0
     observed, info = worlds.reset(seed=seed)
@@ -39,7 +39,7 @@ def _as_singles(worlds: VectorWorlds, singles: Sequence[gymnasium.Env], steps: i
         action[0] = 1.0 if step % 60 < 30 else -1.0  # to the ends of the stroke
         observed, reward, terminated, truncated, info = worlds.step(action)
         for i, single in enumerate(singles):
-            if over[i]:  # reset by this step
+            if over[i]:  # this step reset it
                 mine, told = single.reset()
                 np.testing.assert_allclose(observed[i], mine, atol=1e-12)
                 assert (reward[i], terminated[i], truncated[i]) == (0.0, False, False)

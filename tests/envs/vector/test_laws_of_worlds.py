@@ -1,4 +1,4 @@
-"""Laws of worlds can be changed as those of single environments, and options of single environments make these."""
+"""Laws of worlds can be changed like those of single environments, and are set by the same options."""
 
 import gymnasium
 import numpy as np
@@ -54,7 +54,7 @@ def test_a_law_can_be_set_as_an_attribute(vec):
 
 @pytest.mark.parametrize("name", [NAME, "impactlaw/RockingBlock-v0"])
 def test_an_array_has_one_restitution_for_each_world(name):
-    """No worlds can have coefficients in the order of contacts, even where there are as many as contacts."""
+    """An array is never read as one coefficient per contact, even where it has as many entries as contacts."""
     some = gymnasium.make_vec(
         name, 2, vectorization_mode="vector_entry_point", law="newton", restitution=np.array([0.4, 1])
     )
@@ -76,7 +76,7 @@ def test_options_of_a_reset_are_for_one_episode(vec):
 
 
 def test_a_law_without_one_coefficient_has_none_in_info(vec):
-    """As in a vector environment of single ones, in which that law has no such entry."""
+    """As in a vector environment of single environments, where this law has no such entry."""
     vec.law = ["moreau", Newton({("ball", "paddle"): 0.3}, default=0.5), "maximal-dissipation"]
     for info in (vec.reset(seed=0)[1], vec.step(np.zeros((3, 1)))[4]):
         np.testing.assert_array_equal(info["impact/restitution"], [0.8, np.nan, 0.0])

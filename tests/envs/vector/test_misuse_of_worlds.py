@@ -1,4 +1,4 @@
-"""Worlds that are told nonsense say so, and stay as they were."""
+"""Worlds with wrong arguments raise errors, and keep their state."""
 
 import copy
 import pickle
@@ -68,7 +68,7 @@ def test_masks_and_options_that_are_none(vec):
     [
         ({"law": "moro"}, UnknownNameError),
         ({"law": "any-outcome"}, SceneError),
-        ({"restitution": 0.5}, RestitutionError),  # world 0 could have it
+        ({"restitution": 0.5}, RestitutionError),  # world 0 alone could have it
     ],
     ids=str,
 )
@@ -255,7 +255,7 @@ def test_what_is_called_in_every_world(vec):
 
 @pytest.mark.parametrize("law", ["newton", LawDistribution(("moreau",), (0.2, 0.9))], ids=["one law", "drawn laws"])
 def test_a_reset_that_is_refused_draws_nothing(law):
-    """Neither the generators of the worlds nor those of their laws begin anew, or go on."""
+    """The random generators of the worlds and of their laws are neither reset nor advanced."""
     made = [gymnasium.make_vec(NAME, 2, vectorization_mode=WORLDS, law=law, nthread=1) for _ in range(2)]
     for vec in made:
         vec.reset(seed=0)

@@ -1,4 +1,4 @@
-"""Many worlds of gymnasium's robots are as gymnasium's own environments, but for contact."""
+"""Many worlds of gymnasium's robots behave as gymnasium's own environments, except for contact."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def make(name: str, num_envs: int, **options: Any) -> VectorWorlds:
 
 
 class Alone:
-    """Gymnasium's own environment, with the steps of a `Stepper`."""
+    """Gymnasium's own environment, stepped by a `Stepper`."""
 
     def __init__(self, name: str, restitution: float, contact_model: str):
         self.env: Any = gymnasium.make(name).unwrapped
@@ -52,13 +52,13 @@ def test_observations_rewards_and_ends_are_gymnasiums(name: str, contact_model: 
     for i, single in enumerate(singles):
         np.testing.assert_allclose(observed[i], single.env.reset(seed=7 + i)[0], atol=1e-12)
     over, ended, felt, endless = np.zeros(4, bool), 0, 0.0, name == "HalfCheetah-v5"
-    for step in range(1000):  # until a world has ended and begun anew: an Ant falls seldom
+    for step in range(1000):  # until a world has ended and restarted: an Ant rarely falls
         if step >= 150 and (endless or (ended and not over.any())):
             break
         action = rng.uniform(-1.0, 1.0, worlds.action_space.shape).astype(np.float32)
         observed, reward, terminated, _, info = worlds.step(action)
         for i, single in enumerate(singles):
-            if over[i]:  # reset by this step
+            if over[i]:  # this step reset it
                 np.testing.assert_allclose(observed[i], single.env.reset()[0], atol=1e-12)
                 assert reward[i] == 0.0
                 continue
@@ -77,7 +77,7 @@ def test_observations_rewards_and_ends_are_gymnasiums(name: str, contact_model: 
 
 @pytest.mark.parametrize("name", IN_SPACE)
 def test_masses_of_a_world_of_its_own(name: str):
-    """Humanoid is where its centre of mass is: worlds had that of the masses of their model, and its reward."""
+    """Humanoid's position is its centre of mass. Regression: worlds found it with the masses of the model."""
     worlds = make(name, 2, restitution=0.3, nthread=1)
     masses = worlds.batch.expand("body_mass")
     masses[1] *= np.linspace(0.3, 3.0, masses.shape[1])
@@ -102,7 +102,7 @@ def test_episodes_are_truncated_and_begin_anew():
     action = np.zeros_like(worlds.action_space.sample())
     steps = [worlds.step(action)[3:] for _ in range(12)]
     assert [i for i, (cut, _) in enumerate(steps) if cut.all()] == [4, 10]
-    for cut, info in steps:  # those that only reset tell as much
+    for cut, info in steps:  # steps that only reset have the same entries
         assert info.keys() == steps[0][1].keys()
         assert cut.shape == info["impact/short"].shape
     assert not steps[5][1]["_impact/short"].any()

@@ -1,4 +1,4 @@
-"""The wrapper among others: copies, vector environments, limits, taking it off, new models, recordings."""
+"""The wrapper with others: copies, vector environments, limits, unwrapping, new models, recordings."""
 
 import copy
 import functools
@@ -24,7 +24,7 @@ pytestmark = theirs
 
 
 def rollout(env, steps=120, seed=5):
-    """Observations, rewards and what the law did, from a reset."""
+    """Return observations, rewards and the collisions of the law, from a reset on."""
     observation, info = env.reset(seed=seed)
     env.action_space.seed(seed)
     rows, counts = [np.append(observation, 0.0)], [info["impact/count"]]
@@ -66,7 +66,7 @@ def test_a_shallow_copy_leaves_the_law_where_it_is():
 
 
 def test_a_copy_of_an_environment_that_is_copied_as_it_stands():
-    """Not every environment is rebuilt by its constructor; the copy must not step the original."""
+    """Not every environment is rebuilt by its constructor; stepping the copy must not step the original."""
     env = ImpactLaw(Falling(), "moreau", 0.5)
     env.reset(seed=0)
     twin = copy.deepcopy(env)

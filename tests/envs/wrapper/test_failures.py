@@ -1,4 +1,4 @@
-"""What is wrong with an environment, a law or a state under the wrapper is said, or ends the episode."""
+"""Errors of an environment, a law or a state under the wrapper are reported, or end the episode."""
 
 import gymnasium
 import mujoco
@@ -54,7 +54,7 @@ def test_divergence_ends_the_episode(name, steps, field):
 @pytest.mark.usefixtures("quiet")
 @pytest.mark.parametrize("name", ["Hopper-v5", "Ant-v5", "HalfCheetah-v5"])
 def test_a_force_of_any_size_moves_or_diverges(name):
-    """Velocities may be finite and yet too large to be squared, in a collision before MuJoCo notices."""
+    """Velocities may be finite but too large to be squared, in a collision before MuJoCo notices."""
     env = ImpactLaw(gymnasium.make(name), "moreau", 0.5)
     env.action_space.seed(0)
     for trial in range(60):
@@ -70,7 +70,7 @@ def test_a_force_of_any_size_moves_or_diverges(name):
 
 @pytest.mark.usefixtures("quiet")
 def test_rk4_diverging_in_a_last_timestep_is_seen_at_once():
-    """MuJoCo itself sees what comes out of RK4 at the beginning of the next timestep."""
+    """MuJoCo itself checks the result of RK4 only at the start of the next timestep."""
     env = hopper()
     observation, _ = env.reset(seed=0)
     env.unwrapped.frame_skip = 1

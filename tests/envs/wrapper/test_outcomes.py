@@ -1,4 +1,4 @@
-"""The wrapper: a law that changes nothing changes nothing, one that does stays admissible; soft and rigid."""
+"""The wrapper: a law without effect leaves episodes unchanged, other laws stay admissible; soft and rigid contact."""
 
 import gymnasium
 import mujoco
@@ -30,7 +30,7 @@ pytestmark = theirs
 
 @pytest.mark.parametrize("name", [*V5, "Ant-v4", *SUITE], ids=str)
 def test_a_law_that_changes_nothing(name):
-    """Whole episodes, bit for bit."""
+    """Whole episodes are equal, bit for bit."""
     bare, env = make_any(name), make_any(name)
     env = ImpactLaw(env, **identity(env))
     collisions = steps = 0
@@ -89,7 +89,7 @@ def test_a_thousand_random_steps(name, e):
 
 
 def test_restitution_makes_the_hopper_bounce():
-    """Dropped from half a metre, limp: what is left of the fall is what the law leaves."""
+    """Dropped from half a metre with limp joints: it rebounds according to the law."""
     rises = []
     for e in (0.0, 0.5, 0.9):
         env = ImpactLaw(gymnasium.make("Hopper-v5", reset_noise_scale=0.0, terminate_when_unhealthy=False), "moreau", e)
@@ -124,12 +124,12 @@ def test_a_law_by_name_and_keyed_by_contacts():
 
 @pytest.mark.parametrize(("scheme", "early"), [("event-driven", 2e-3), ("time-stepping", 4e-3), (None, 4e-3)])
 def test_rigid_contacts(scheme, early):
-    """Time stepping turns the ball round up to a timestep early, 4 mm at 2 m/s and 2 ms; never late."""
+    """Time stepping reverses the ball up to a timestep early, 4 mm at 2 m/s and 2 ms, but never late."""
     env = ImpactLaw(Falling(condim=1), "moreau", 1.0, contact_model="rigid", scheme=scheme)
     env.reset(seed=0)
     heights = [env.step(np.zeros(0))[0][2] for _ in range(600)]
     assert 0.1 - 1e-9 <= min(heights) <= 0.1 + early
-    assert max(heights[300:]) == pytest.approx(0.3, abs=0.01)  # elastic: it comes back to where it fell from
+    assert max(heights[300:]) == pytest.approx(0.3, abs=0.01)  # elastic: it returns to its initial height
 
 
 def test_an_inadmissible_law_is_counted_and_projected():
@@ -145,7 +145,7 @@ def test_an_inadmissible_law_is_counted_and_projected():
 
 @pytest.mark.parametrize(("scheme", "opened"), [("event-driven", 0), ("time-stepping", 15)])
 def test_ant_on_rigid_contact_with_friction(scheme, opened):
-    """A reset leaves joints beyond their limits by 0.6 rad: pushed out at once, or opened in some environment steps."""
+    """A reset leaves joints up to 0.6 rad beyond their limits; they are pushed out at once or within some steps."""
     env = ImpactLaw(gymnasium.make("Ant-v5"), "moreau", 0.0, contact_model="rigid", scheme=scheme)
     rng, kinds = np.random.default_rng(0), set()
     env.reset(seed=0)

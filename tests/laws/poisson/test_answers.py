@@ -1,4 +1,4 @@
-"""Poisson's law: answers worked out by hand, what it shares with Moreau's and Newton's laws, and that it stays in S."""
+"""Poisson's law: answers by hand, relations to Moreau's and Newton's laws, and outcomes within S."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ EXACT = {"rtol": 0, "atol": 1e-12}
     [
         ((1, 1), (1, 0), (4 / 3, 2 / 3)),
         ((0, 0), (0, 0), (2 / 3, 1 / 3)),
-        ((1, 0), (1, 0), (4 / 3, 2 / 3)),  # e_2 < e_1: the second contact needs as much as with e_1
+        ((1, 0), (1, 0), (4 / 3, 2 / 3)),  # e_2 < e_1: the second contact needs the same impulse as with e_1
         ((0.6, 0.2), (0.6, 0), (1.6 * 2 / 3, 1.6 / 3)),
         ((0.5, 1), (1 / 3, 1 / 3), (1, 2 / 3)),  # e_1 < e_2 < 4 e_1: both open, with the impulses of compression
         ((0.3, 0.9), (0.1, 0.4), (1.3 * 2 / 3, 1.9 / 3)),
@@ -36,16 +36,16 @@ def test_three_balls(e, opening, impulse):
     assert impact.residual < 1e-15
     assert impact.violations.is_admissible(1e-15)
     newton = Newton(e).resolve(launched(3, 1))
-    np.testing.assert_allclose(newton.post_contact_velocity, (e[0], 0), **EXACT)  # which sees that contact 2 is at rest
+    np.testing.assert_allclose(newton.post_contact_velocity, (e[0], 0), **EXACT)  # contact 2 is known to be at rest
 
 
 def test_rod_on_two_supports():
-    """An elastic and a dead end: compression takes (1, 1) / 2, the elastic end gets 1/2 more, the dead one then 1/4."""
+    """An elastic and a dead end: compression gives (1, 1) / 2, the elastic end gets 1/2 more, then the dead one 1/4."""
     impact = Poisson([1.0, 0.0]).resolve(rod())
     np.testing.assert_allclose(impact.compression.impulse, (1 / 2, 1 / 2), **EXACT)
     np.testing.assert_allclose(impact.least_impulse, (1, 1 / 2), **EXACT)
     np.testing.assert_allclose(impact.impulse, (1, 3 / 4), **EXACT)
-    np.testing.assert_allclose(impact.post_contact_velocity, (3 / 2, 0), **EXACT)  # faster than it closed
+    np.testing.assert_allclose(impact.post_contact_velocity, (3 / 2, 0), **EXACT)  # faster than it approached
     assert impact.energy_change / impact.collision.kinetic_energy == pytest.approx(-1 / 4, abs=1e-12)
     assert impact.antidissipative.tolist() == [True, False]
     assert impact.violations.is_admissible(1e-15)
@@ -65,7 +65,7 @@ def test_nothing_happens(problem_name, e):
 
 
 def ordinary(seed: int) -> Collision:
-    """Up to eight independent contacts of a random system, closing or not."""
+    """Return up to eight independent contacts of a random system, closing or not."""
     rng = np.random.default_rng([51, seed])
     h = int(rng.integers(1, 9))
     nv = h + int(rng.integers(0, 4))
@@ -86,7 +86,7 @@ def test_equal_coefficients_are_moreau_or_its_projection_on_the_tangent_cone(pro
 
 
 def test_where_newton_penetrates_and_gains_energy_poisson_does_not():
-    """Contacts that open before, with others that close, are outside of -T_C, where Newton's law says nothing good."""
+    """If some contacts open and others close before the impact, Newton's law may leave S."""
     broken = {"kinematic": 0, "energetic": 0}
     distant = 0
     for seed in range(300):
@@ -150,14 +150,14 @@ def test_duplicates_share_alike(copies):
 
 
 def test_two_copies_of_a_support_give_the_mean_of_their_coefficients():
-    """Each takes half of the compression; Newton's law follows the larger coefficient."""
+    """Each copy takes half of the compression; Newton's law follows the larger coefficient."""
     c = Collision([[2.0]], [[1.0], [1.0]], [-1.0])
     np.testing.assert_allclose(Poisson([0.8, 0.2]).resolve(c).post_velocity, [0.5], **EXACT)
     np.testing.assert_allclose(Newton([0.8, 0.2]).resolve(c).post_velocity, [0.8], **EXACT)
 
 
 def test_a_ball_between_two_walls():
-    """It bounces off the first with 0.8 and is stopped by the second at once; Newton's law has no solution."""
+    """It bounces off the first wall with 0.8 and the second stops it at once; Newton's law has no solution."""
     c = Collision([[2.0]], [[1.0], [-1.0]], [-1.0])
     with pytest.raises(UnsolvableLawError):
         Newton([0.8, 0.2]).resolve(c)

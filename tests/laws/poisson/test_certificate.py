@@ -1,4 +1,4 @@
-"""The certificate of Poisson's law, contacts that jam, and the solver of both phases."""
+"""The certificate of Poisson's law, contacts that jam, and the solver of the two phases."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def test_residual_sees_every_kind_of_error(problem_name):
 
 
 def test_contact_that_opens_must_not_get_more_than_its_least():
-    """Both get 1/10 more than they are due; they open faster than without it, by (1/10, 1/10)."""
+    """Both contacts get 1/10 more than their least impulse; they open faster than without it, by (1/10, 1/10)."""
     c = launched(3, 1)
     good = Poisson([0.5, 1.0]).resolve(c)
     more = good.impulse + 0.1
@@ -50,7 +50,7 @@ def jamming(seed):
 
 @pytest.mark.parametrize("seed", [827, 1568, 1072, 2708, 249, 623, 862, 1994, 1871, 2109])
 def test_contacts_that_jam(seed):
-    """Nearly opposite contacts: compression impulses 1e8 times the speed, of which different parts come back."""
+    """Nearly opposite contacts: compression impulses are 1e8 times the speed, and different parts are returned."""
     c, law = jamming(seed)
     impact = law.resolve(c)
     assert impact.compression.impulse @ c.gradient_norms > 1e6 * c.pre_speed
@@ -62,7 +62,7 @@ def test_contacts_that_jam(seed):
 
 @pytest.mark.parametrize("seed", [26835, 28635, 47859, 49534])
 def test_contacts_that_jam_beyond_all_digits_create_no_energy(seed):
-    """Impulses 1e10 to 1e13 times the speed, whose rounding could be an outcome thousands of times as fast as v-."""
+    """Impulses of 1e10 to 1e13 times the speed: their rounding could give outcomes thousands of times as fast as v-."""
     c, law = jamming(seed)
     try:
         impact = law.resolve(c)
@@ -102,12 +102,12 @@ def test_both_phases_use_the_solver_named(solver, problem_name):
 
 
 def test_the_compression_uses_the_solver_named():
-    """E = 0 has no expansion to solve."""
+    """With E = 0 there is no expansion to solve, only a compression."""
     with pytest.raises(SolverError, match="solver 'closed-form'"):
         Poisson(0.0).resolve(launched(3, 1), solver="closed-form")
 
 
 def test_what_nothing_penetrates_is_left_alone():
-    """Rounding of contact velocities, here of contacts that end at 0, calls for no impulse."""
+    """Rounding of contact velocities, here of contacts that end at 0, causes no impulse."""
     impact = Poisson(0.3).resolve(launched(5, 2))
     np.testing.assert_array_equal(impact.impulse, 1.3 * impact.compression.impulse)

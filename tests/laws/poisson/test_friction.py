@@ -1,4 +1,4 @@
-"""Poisson's law with friction: both phases, energy, and what it is where there is no friction to speak of."""
+"""Poisson's law with friction: both phases, energy, and the limit of vanishing friction."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def test_slides_all_the_way():
 
 
 def test_expansion_sticks():
-    """Slip 1.2 loses 3 * 0.5 in compression, so it stops there; expansion needs no friction."""
+    """A slip of 1.2 loses 3 * 0.5 in compression, so it stops there; expansion needs no friction."""
     rows = Friction([[1, 0, 1]], [0], [0.5])
     impact = Coulomb(Poisson(1.0)).resolve(Collision(np.diag([1, 1, 0.5]), [[0, 1, 0]], [1.2, -1.0, 0], friction=rows))
     np.testing.assert_allclose(impact.friction_impulse, [-0.4], rtol=0, atol=1e-9)
@@ -26,7 +26,7 @@ def test_expansion_sticks():
 
 
 def test_friction_of_expansion_alone():
-    """A rod's end, G = [[2, 1], [1, 2]], mu = 0.2: expansion pushes slip, which friction of e Lambda_C opposes."""
+    """A rod's end, G = [[2, 1], [1, 2]], mu = 0.2: expansion drives slip, which the friction of e Lambda_C opposes."""
     J = np.linalg.cholesky(np.array([[2.0, 1.0], [1.0, 2.0]]))
     c = Collision(np.eye(2), J[:1], np.linalg.solve(J, [-1.0, 0.0]), friction=Friction(J[1:], [0], [0.2]))
     compression = 1.0 / 1.8  # slip is positive: gamma_n' = 2 - 0.2
@@ -57,7 +57,7 @@ def test_never_creates_energy(contacts):
 
 
 def test_slides_all_the_way_under_the_relaxation():
-    """A point mass: compression N - 2 = mu (8 - mu N), so N = 4.8; expansion half of it, each with mu N of friction."""
+    """A point mass: compression N - 2 = mu (8 - mu N), so N = 4.8; expansion is half of it, each with friction mu N."""
     c = Collision(np.eye(2), [[0, 1]], [8.0, -2.0], friction=Friction([[1, 0]], [0], [0.5]))
     impact = Coulomb(Poisson(0.5), cone="convex").resolve(c)
     np.testing.assert_allclose(impact.impulse, [7.2], rtol=0, atol=1e-9)
@@ -78,7 +78,7 @@ def test_impulses_of_the_relaxation_are_in_their_cones(contacts):
 
 @pytest.mark.parametrize("options", [{}, {"contact_model": "soft"}, {"scheme": "time-stepping"}])
 def test_a_box_slides_under_the_relaxation(options):
-    """Event-driven and soft steps refuse outcomes outside of the cones: the box lands, and slides on."""
+    """Event-driven and soft steps refuse outcomes outside the cones: the box lands and slides on."""
     falling = '<body pos="0 0 .3"><freejoint/><geom type="box" size=".1 .1 .1"/></body>'
     model, data = compiled('<geom type="plane" size="9 9 1"/>' + falling, geom='friction="0.3"')
     data.qvel[0] = 3.0
@@ -93,7 +93,7 @@ def test_a_box_slides_under_the_relaxation(options):
 
 
 def test_what_expansion_would_penetrate_gets_more():
-    """A dead and an elastic contact that face each other's bodies: no contact closes in the outcome."""
+    """A dead and an elastic contact that act on each other's bodies: in the outcome no contact closes."""
     for seed in range(100):
         rng = np.random.default_rng([3, seed])
         c = several_contacts(rng, 3)
@@ -117,7 +117,7 @@ def test_a_box_lands_flat():
 
 @pytest.mark.parametrize("options", [{}, {"scheme": "time-stepping"}])
 def test_a_box_in_rigid_steps(options):
-    """A tilted box slides into the floor; energy never grows, and its first collision is the law's."""
+    """A tilted box slides into the floor; energy never grows, and its first collision obeys the law."""
     model, data = compiled(
         '<geom name="floor" type="plane" size="5 5 1"/><body pos="0 0 .3" euler="20 10 0"><freejoint/>'
         '<geom name="box" type="box" size=".1 .15 .05" mass="1"/></body>',
@@ -142,7 +142,7 @@ def test_tangential_restitution_is_refused():
 
 
 def dependent_rows(rng):
-    """A collision, as arguments, with more rows than degrees of freedom: friction leaves several solutions."""
+    """Return the arguments of a collision with more rows than degrees of freedom: friction has several solutions."""
     h, kinds, n = int(rng.integers(1, 4)), int(rng.integers(1, 3)), 2
     A, v = rng.normal(size=(n, n)), rng.normal(size=n)
     J, J_t = rng.normal(size=(h, n)), rng.normal(size=(h * kinds, n))
@@ -166,7 +166,7 @@ def test_units_of_mass_and_speed_change_nothing(cone):
 
 @pytest.mark.parametrize("friction", [0.5, 1e-9])
 def test_redundant_contacts_in_any_order(friction):
-    """A box falls flat on its four corners: of all impulses of compression, the least ones are multiplied by e."""
+    """A box lands flat on its four corners: the compression impulses of least norm are multiplied by e."""
     e, outcomes = np.array([0.9, 0.5, 0.3, 0.1]), []
     corners = [np.array([x, y, -1.0]) for x in (-1, 1) for y in (-1, 1)]
     for order in ([0, 1, 2, 3], [3, 1, 0, 2], [2, 3, 1, 0]):

@@ -1,4 +1,4 @@
-"""Poisson's law on chains, under blows and in steps; coefficients that are none."""
+"""Poisson's law on chains, under sudden motion of surfaces and in steps; invalid coefficients."""
 
 import mujoco
 import numpy as np
@@ -27,7 +27,7 @@ def test_sparse_chain_is_the_dense_one():
 
 @pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
 def test_hammer_blow_under_a_ball(e):
-    """The table jumps to velocity u before compression: the ball leaves it with e u."""
+    """The table jumps to velocity u before compression: relative to it, the ball leaves with e u."""
     u, m = 2.0, 3.0
     c = Collision([[m]], [[1.0]], [0.0], post_surface_velocity=[-u])
     impact = Poisson(e).resolve(c)
@@ -40,7 +40,7 @@ def test_hammer_blow_under_a_ball(e):
 
 
 def test_hammer_blow_in_rigid_steps():
-    """A table under two balls at rest jumps to u: compression takes both along, expansion throws both off with e u."""
+    """A table under two balls jumps to u: compression takes both along, expansion throws both off with e u."""
     e, u, h = 0.5, 2.0, 0.01
     world = """<body name="table" mocap="true"><geom name="table" type="box" size="1 1 .1" pos="0 0 -.1"/></body>
         <body pos="0 0 .1"><joint type="slide" axis="0 0 1"/><geom name="low" size=".1" mass="1"/></body>
@@ -67,7 +67,7 @@ def test_surfaces_that_crush_what_is_between_them():
 
 @pytest.mark.parametrize("contact_model", ["rigid", "soft"])
 def test_stepping(contact_model):
-    """The scene's rod on an elastic and a dead end: impulses (1, 3/4) u, as by hand above, and two ends that open."""
+    """The scene's rod on an elastic and a dead end: impulses (1, 3/4) u, as by hand above, and both ends open."""
     model, data = load("falling_rod")
     law = make_law("poisson", {("left", "floor"): 1.0, ("right", "floor"): 0.0})
     stepper = Stepper(model, law, contact_model=contact_model)

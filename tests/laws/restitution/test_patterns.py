@@ -118,7 +118,7 @@ def test_in_every_way_to_step(options):
     data.qvel[:] = -1.0
     stepper = Stepper(model, Newton({"*foot*": 0.5}, default=0), **options)
     run(stepper, data, 1)
-    tolerance = 0.1 if options.get("contact_model") == "soft" else 1e-8  # MuJoCo's contacts push on, too
+    tolerance = 0.1 if options.get("contact_model") == "soft" else 1e-8  # MuJoCo's contacts add speed, too
     np.testing.assert_allclose(data.qvel, [0.5, 0.5, 0.0], atol=tolerance)
 
 

@@ -1,4 +1,4 @@
-"""Laws written down as JSON, and made again from it."""
+"""Laws written as JSON, and made again from it."""
 
 import json
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ def falling(speed):
 
 @dataclass(frozen=True)
 class Own(Moreau):
-    """A law of somebody else."""
+    """A law from outside the package."""
 
     name: str = "own"
 

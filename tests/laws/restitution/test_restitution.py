@@ -1,4 +1,4 @@
-"""Restitution in all its spellings: by number, list, matrix, contact label and name of the law; what is refused."""
+"""Restitution in all its forms: number, list, matrix, contact label and name of the law; and what is refused."""
 
 import mujoco
 import numpy as np
@@ -88,7 +88,7 @@ def test_fremond_keyed_cradle_survives_another_order_of_the_contacts():
 
 
 def test_several_contacts_of_one_label_keep_to_themselves():
-    """(i, i) is each contact with itself, not with another one of the same two geoms."""
+    """The label (i, i) means each contact with itself, not with another contact of the same two geoms."""
     c = Collision(np.eye(2), np.eye(2), [-1.0, -2.0], labels=("box/floor", "box/floor"))
     np.testing.assert_array_equal(Fremond({("box/floor", "box/floor"): 0.5}).restitution_matrix(c), 0.5 * np.eye(2))
 
@@ -211,7 +211,7 @@ def test_laws_do_not_change():
 
 
 def test_restitution_that_an_attached_model_brings_is_not_passed_over():
-    """MuJoCo puts the prefix before the whole name of its <numeric>."""
+    """MuJoCo puts the prefix in front of the whole name of a <numeric>."""
     child = mujoco.MjSpec.from_string(
         '<mujoco><custom><numeric name="restitution/ball/floor" data=".9"/></custom><worldbody>'
         '<geom name="floor" type="plane" size="1 1 1"/><body name="b" pos="0 0 1"><freejoint/>'
@@ -230,7 +230,7 @@ def test_restitution_that_an_attached_model_brings_is_not_passed_over():
     "numeric", ['"p_restitution" data=".2"', '"restitution" data=".2 .3 .4"'], ids=["renamed", "three"]
 )
 def test_nobody_passes_over_restitution_that_is_none_of_a_scene(numeric, tmp_path):
-    """Law "scene" refuses it, and so does who takes the scene's coefficient for another law."""
+    """Law "scene" refuses it, and so does a comparison that uses the scene's coefficient for another law."""
     text = (
         f"<mujoco><custom><numeric name={numeric}/></custom><worldbody><geom type='plane' size='1 1 1'/>"
         "<body pos='0 0 .2'><freejoint/><geom size='.1'/></body></worldbody></mujoco>"

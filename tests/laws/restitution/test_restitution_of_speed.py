@@ -19,12 +19,12 @@ HALF = 3.0  # m/s
 
 
 def softening(speed: float) -> float:
-    """1 for a slow contact, 1/2 at `HALF`: the speed after an impact is ``u / (1 + u / HALF)``, 1/u grows by 1/HALF."""
+    """Return 1 for slow contacts, 1/2 at `HALF`: the speed after is ``u / (1 + u / HALF)``, so 1/u grows by 1/HALF."""
     return 1.0 / (1.0 + speed / HALF)
 
 
 def johnson(speed: float) -> float:
-    """``(u / u_0)^(-1/4)`` above the speed u_0 at which steel starts to flow: 0.1 m/s."""
+    """Return ``(u / u_0)^(-1/4)`` above the speed u_0 at which steel starts to yield: 0.1 m/s."""
     return (0.1 / max(speed, 0.1)) ** 0.25
 
 
@@ -42,12 +42,12 @@ def test_the_function_gets_the_closing_speed_of_each_contact(law):
 
     c = Collision(np.eye(3), np.diag([1.0, 2.0, 1.0]), [-1.0, -2.0, 3.0])
     e = law(restitution).coefficients(c)
-    assert seen == [1.0, 4.0, 0.0]  # the third one opens
+    assert seen == [1.0, 4.0, 0.0]  # the third contact opens
     np.testing.assert_array_equal(e, [0.5, 0.5, 0.5])
     seen.clear()
     moving = Collision([[1.0]], [[1.0]], [-1.0], surface_velocity=[-0.25], post_surface_velocity=[-3.0])
     law(restitution).resolve(moving)
-    assert seen == [1.25 if law is Newton else 4.0]  # Poisson's compression starts when the surface has jumped
+    assert seen == [1.25 if law is Newton else 4.0]  # Poisson's compression starts after the jump of the surface
 
 
 @pytest.mark.parametrize("law", [Newton, Poisson])
@@ -71,7 +71,7 @@ def test_in_place_of_any_number():
 
 
 def test_rod_that_falls_tilting():
-    """Ends that close with 1 and 3 m/s: e = (3/4, 1/2), gamma+ = -e gamma- under Newton's law, both ends pressing."""
+    """Ends that close with 1 and 3 m/s: e = (3/4, 1/2), and gamma+ = -e gamma- under Newton's law; both ends press."""
     c = Collision(rod().mass_matrix, rod().jacobian, [-2.0, -1.0])
     np.testing.assert_allclose(c.pre_contact_velocity, [-1.0, -3.0], **EXACT)
     impact = Newton(softening).resolve(c)
@@ -150,7 +150,7 @@ def ball(timestep: float, integrator: str = "RK4", height: float = 1.0):
 
 
 def flights(speeds, height=1.0):
-    """Height of a ball dropped from there as a function of time, when it leaves the ground with these speeds."""
+    """Return the height over time of a ball that is dropped and leaves the ground with these speeds."""
     start = [math.sqrt(2 * height / G)]
     for u in speeds:
         start.append(start[-1] + 2 * u / G)
@@ -165,7 +165,7 @@ def flights(speeds, height=1.0):
 
 
 def assert_flies(law, at):
-    """3 s of rigid steps."""
+    """Assert that 3 s of rigid steps follow these heights."""
     model, data = ball(0.05)
     stepper, collisions = Stepper(model, law), 0
     for _ in range(60):
@@ -184,7 +184,7 @@ def test_bouncing_ball_of_harmonic_speeds(law):
 
 
 def test_bouncing_ball_of_johnson():
-    """``u_k = u_0^((3/4)^k) 0.1^(1 - (3/4)^k)``: always above 0.1 m/s, where it would be elastic."""
+    """``u_k = u_0^((3/4)^k) 0.1^(1 - (3/4)^k)``: always above 0.1 m/s, below which it would be elastic."""
     fall = math.sqrt(2 * G)
     at = flights([fall ** (0.75**k) * 0.1 ** (1 - 0.75**k) for k in range(1, 400)])
     assert_flies(Newton(johnson), at)
@@ -192,7 +192,7 @@ def test_bouncing_ball_of_johnson():
 
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "discrete", "RK4"])
 def test_soft_steps_give_each_collision_its_own_coefficient(integrator):
-    """Exactly so from the speed at the start of the step; over the motion to the first order of the step."""
+    """It is exact for the speed at the start of the step; over the motion it is of first order in the timestep."""
     errors = []
     for timestep in (1e-3, 2.5e-4):
         model, data = ball(timestep, integrator)
@@ -206,4 +206,4 @@ def test_soft_steps_give_each_collision_its_own_coefficient(integrator):
         fall = math.sqrt(2 * G)
         expected = [fall / (1 + k * fall / HALF) for k in range(4)]
         errors.append(np.abs(np.array(speeds) - expected).max() / timestep)
-    assert max(errors) < 4 * G  # what gravity adds in a step, at each of four collisions
+    assert max(errors) < 4 * G  # velocity that gravity adds per step, at each of four collisions

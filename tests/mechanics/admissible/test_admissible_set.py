@@ -1,4 +1,4 @@
-"""The set of possible right-velocities S(v-) against exact sets."""
+"""The set of possible right-velocities S(v-) against exactly known sets."""
 
 import numpy as np
 import pytest
@@ -8,16 +8,16 @@ from scipy.stats import ks_2samp, kstest
 from impactlaw import Collision, Moreau
 from impactlaw.errors import InvalidCollisionError
 
-UNIFORM = 1e-3  # least p-value of Kolmogorov's test; the seeds are fixed
+UNIFORM = 1e-3  # smallest p-value of Kolmogorov's test; the seeds are fixed
 
 
 def corner():
-    """A particle between two walls at x = 0 falls at 45 degrees onto a floor: S is x = 0, 0 <= y <= sqrt 2."""
+    """Return a particle between walls at x = 0 that falls on a floor at 45 degrees: S is x = 0, 0 <= y <= sqrt 2."""
     return Collision(np.eye(2), [[1, 0], [-1, 0], [0, 1]], [-1, -1])
 
 
 def narrow_wedge():
-    """A wedge of 10 degrees, met from 60 degrees: the elastic outcome would be behind the other side."""
+    """Return a wedge of 10 degrees, hit at 60 degrees: the elastic outcome would penetrate the other side."""
     a, v = np.deg2rad([10, 60])
     return Collision(np.eye(2), [[0, 1], [np.sin(a), -np.cos(a)]], [np.cos(v), np.sin(v)])
 
@@ -39,7 +39,7 @@ def test_three_balls_corners_and_what_is_beyond_them():
 
 
 def test_three_balls_support():
-    """Beyond the common velocity, the sector reaches sqrt(2/3) between its edges, and nothing behind them."""
+    """From the common velocity, the sector reaches sqrt(2/3) in directions between its edges, and 0 behind them."""
     S = launched(3, 1).admissible_set
     edges = np.array([[-2, 1, 1], [-1, -1, 2]]) / np.sqrt(6)
     middle = edges.sum(axis=0) / np.sqrt(3)
@@ -51,7 +51,7 @@ def test_three_balls_support():
 
 
 def test_three_balls_samples_fill_the_sector():
-    """Uniform on the sector of radius sqrt(2/3): angle and squared radius are uniform; its area is pi/9."""
+    """Samples are uniform on the sector of radius sqrt(2/3): angle and squared radius are uniform; its area is pi/9."""
     S = launched(3, 1).admissible_set
     v = S.sample(20_000, 1)
     assert all(map(S.contains, v[:500]))
@@ -64,7 +64,7 @@ def test_three_balls_samples_fill_the_sector():
     assert kstest(angle / (np.pi / 3), "uniform").pvalue > UNIFORM
     assert kstest(radius_squared / (2 / 3), "uniform").pvalue > UNIFORM
     assert abs(np.corrcoef(angle, radius_squared)[0, 1]) < 4 / np.sqrt(len(v))
-    # the triangle of the three corners, of area sqrt(3)/6, holds its part of the samples
+    # the triangle of the three corners, of area sqrt(3)/6, contains its share of the samples
     inside = np.mean(np.cos(angle - np.pi / 6) * np.sqrt(radius_squared) <= np.cos(np.pi / 6) * np.sqrt(2 / 3))
     part = np.sqrt(3) / 6 / (np.pi / 9)
     assert inside == pytest.approx(part, abs=4 * np.sqrt(part * (1 - part) / len(v)))
@@ -117,7 +117,7 @@ def test_nothing_approaches(name):
 
 
 def _box_set(c, v):
-    """S of a cube on its four corners in closed form: forces on a square carry |torque| <= force about each axis."""
+    """Return S of a cube on four corners in closed form: forces on a square carry |torque| <= force about each axis."""
     fz, tx, ty = (v - c.pre_velocity)[:, 2:5].T * c.mass_matrix.diagonal()[2:5, None]
     kinetic = (np.abs(tx) <= fz) & (np.abs(ty) <= fz)
     kinematic = v[:, 2] >= np.abs(v[:, 3]) + np.abs(v[:, 4])
@@ -126,7 +126,7 @@ def _box_set(c, v):
 
 @pytest.mark.parametrize(("tilt", "inertia"), [(0.0, 4 / 3), (0.4, 4 / 3), (0.1, 12.0)])
 def test_box_on_four_corners(tilt, inertia):
-    """Redundant contacts of rank 3: samples are distributed like those that rejection keeps of a cube around S."""
+    """Redundant contacts of rank 3: samples are distributed as by rejection sampling from a cube around S."""
     c = box(tilt=tilt)
     c = Collision(np.diag([2.0] * 3 + [inertia] * 3), c.jacobian, c.pre_velocity)
     S, rng = c.admissible_set, np.random.default_rng(4)
@@ -155,7 +155,7 @@ def test_independent_contacts_are_an_orthant_of_the_ball():
 
 
 def test_separating_contact_cuts_the_intensity():
-    """Where 2 p - v- would penetrate, the largest intensity is smaller: (0, sqrt 2) and (1, 0) are the farthest."""
+    """Where 2 p - v- would penetrate, the largest intensity is smaller; (0, sqrt 2) and (1, 0) are farthest."""
     assert corner().admissible_set.intensity_range() == pytest.approx((np.sqrt(2), np.hypot(1, 1 + np.sqrt(2))))
     assert narrow_wedge().admissible_set.intensity_range() == pytest.approx((np.sin(np.deg2rad(50)), 1))
     c = balls([1, 1, 1], [1, 0, 0.3])

@@ -1,4 +1,4 @@
-"""The admissible set of any collision: projections, samples and support agree with each other and with an optimiser."""
+"""The admissible set of any collision: projections, samples and support agree with each other and an optimizer."""
 
 import numpy as np
 import pytest
@@ -13,11 +13,11 @@ from impactlaw import Collision, MaximalDissipation, Moreau
 from impactlaw.mechanics.admissible.cone import cone_facets
 
 SMALL = [name for name in PROBLEMS if name != "chain of 64"]
-UNIFORM = 1e-3  # least p-value of Kolmogorov's test; the seeds are fixed
+UNIFORM = 1e-3  # smallest p-value of Kolmogorov's test; the seeds are fixed
 
 
 def far_and_near(c, rng, n=12):
-    """Velocities from a thousandth to a thousand times |v-| away from v-."""
+    """Return velocities at distances of 1e-3 to 1e3 times |v-| from v-."""
     z = rng.normal(size=(n, len(c.pre_velocity))) * 10.0 ** rng.uniform(-3, 3, (n, 1))
     return c.pre_velocity + c.pre_speed * c.metric.unwhiten(z)
 
@@ -40,7 +40,7 @@ def test_intensities_of_samples_are_in_the_range_and_its_ends_are_attained(name)
 
 @pytest.mark.parametrize("name", SMALL)
 def test_samples_projections_and_support_agree(name):
-    """Projections are members with ``<v - p, s - p> <= 0`` for every s in S; support is no less than any sample."""
+    """Projections are members with ``<v - p, s - p> <= 0`` for all s in S; the support bounds all samples."""
     c, rng = PROBLEMS[name](), np.random.default_rng(7)
     S = c.admissible_set
     samples = S.sample(100, rng)
@@ -57,7 +57,7 @@ def test_samples_projections_and_support_agree(name):
         assert c.metric.norm(S.project(p) - p) <= tol
         if distance > tol:
             assert ((s - c.metric.whiten(p)) @ gap).max() <= tol * distance
-            # p is where S reaches farthest towards v
+            # p is the point of S farthest in the direction of v
             assert S.support(v - p) == pytest.approx(gap @ c.metric.whiten(p), abs=tol * distance)
         u = c.metric.whiten(v)
         assert (s @ u).max() <= S.support(v) + tol * np.linalg.norm(u)
@@ -65,7 +65,7 @@ def test_samples_projections_and_support_agree(name):
 
 
 def _by_slsqp(c, v):
-    """The nearest member of S, over the impulses."""
+    """Return the member of S nearest to v, by an optimization over the impulses."""
     Y, z, target = c.whitened_jacobian, c.whitened_velocity, c.metric.whiten(v)
     best = minimize(
         lambda x: 0.5 * np.sum((z + x @ Y - target) ** 2),
@@ -91,13 +91,13 @@ def test_projection_is_that_of_an_independent_optimiser(name):
         p, other = c.admissible_set.project(v), _by_slsqp(c, v)
         distance = c.metric.norm(v - other)
         penetration = np.maximum(-c.jacobian @ other / c.gradient_norms, 0.0).sum()
-        outside = max(c.metric.norm(other) - c.pre_speed, 0.0) + penetration  # the optimiser's own violation
+        outside = max(c.metric.norm(other) - c.pre_speed, 0.0) + penetration  # the optimizer's own violation
         assert c.metric.norm(v - p) == pytest.approx(distance, abs=1e-9 * distance + outside)
         assert c.metric.norm(p - other) <= 1e-5 * c.pre_speed  # the distance has twice the digits of the point
 
 
 def test_grazing_is_as_exact_as_rounding_allows():
-    """S shrinks with the closing speed: at 1e-8 of |v-|, it is still the sector, to 1e-16 of |v-|."""
+    """S shrinks with the closing speed: at 1e-8 of |v-| it is still the sector, to 1e-16 of |v-|."""
     c = Collision(np.eye(3), np.eye(3)[:2], [-1e-8, -1e-8, 1.0])
     S = c.admissible_set
     v = S.sample(2000, 9)
@@ -118,7 +118,7 @@ def test_everything_scales_with_the_speed(speed):
 
 
 def test_long_chain_and_pile_of_boxes():
-    """64 contacts in a row; five boxes on four corners each, whose cone has 4 facets per box and not 4^5."""
+    """64 contacts in a row; five boxes on four corners each, whose cone has 4 facets per box, not 4^5."""
     c = PROBLEMS["chain of 64"]()
     v = far_and_near(c, np.random.default_rng(10), 2)[0]
     p = c.admissible_set.project(v)
@@ -137,7 +137,7 @@ def test_long_chain_and_pile_of_boxes():
 
 @st.composite
 def collisions(draw):
-    """Up to 6 contacts of up to 5 velocities with small integers, so that gradients often depend on each other."""
+    """Draw up to 6 contacts with up to 5 velocities, in small integers so that gradients are often dependent."""
     h, nv = draw(st.integers(0, 6)), draw(st.integers(1, 5))
     J = draw(arrays(float, (h, nv), elements=st.integers(-2, 2).map(float)))
     v = draw(arrays(float, nv, elements=st.integers(-3, 3).map(float)))
@@ -169,7 +169,7 @@ def test_any_collision(c, seed):
 @settings(max_examples=80, deadline=None)
 @given(collisions(), st.floats(0, 1))
 def test_outcomes_of_laws_are_members(c, e):
-    """Maximal dissipation always, Moreau where no contact separates before the impact."""
+    """Maximal dissipation always; Moreau if no contact separates before the impact."""
     outcomes = [MaximalDissipation().resolve(c).post_velocity]
     if (c.pre_contact_velocity <= 0).all():
         outcomes.append(Moreau(e).resolve(c).post_velocity)

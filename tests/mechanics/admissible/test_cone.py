@@ -1,4 +1,4 @@
-"""The point of a polyhedral cone that is nearest to another."""
+"""The point of a polyhedral cone that is nearest to a given point."""
 
 import numpy as np
 from certificates import assert_nearest_in_cone
@@ -22,7 +22,7 @@ def test_nearest_in_cone_satisfies_its_optimality_conditions(data):
 
 
 def test_nearest_in_cone_of_opposite_rows():
-    """Rows that come with their opposites, where scipy 1.17's nnls is wrong in about one of 300."""
+    """Rows together with their opposites, for which nnls of scipy 1.17 is wrong in about 1 of 300 cases."""
     for seed in range(2000):
         rng = np.random.default_rng(seed)
         r = rng.integers(1, 4)

@@ -1,4 +1,4 @@
-"""What the admissible set refuses: points that are no velocities, counts that are none, sets too large to enumerate."""
+"""What the admissible set refuses: invalid points, invalid counts, sets too large to enumerate."""
 
 import numpy as np
 import pytest
@@ -52,7 +52,7 @@ def test_too_many_facets():
 
 
 def test_too_many_faces():
-    """Fourteen contacts, some of them separating: only the largest intensity is refused."""
+    """With fourteen contacts, some of them separating, only the largest intensity is refused."""
     rng = np.random.default_rng(0)
     S = Collision(np.eye(14), rng.normal(size=(14, 14)), rng.normal(size=14)).admissible_set
     assert S.contains(S.project(np.ones(14)))

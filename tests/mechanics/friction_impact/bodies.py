@@ -9,7 +9,7 @@ from impactlaw import (
 
 
 def sphere(velocity, mu, *, mass=2.0, radius=0.5, torsion=0.0, rolling=0.0) -> Collision:
-    """A solid sphere meets the floor; velocity is (x, y, z, and the angular velocity), the contact is below it."""
+    """Return a solid sphere that hits the floor below it; velocity is (x, y, z, and the angular velocity)."""
     M = np.diag([mass] * 3 + [0.4 * mass * radius**2] * 3)
     r = np.array([0.0, 0.0, -radius])
     point = np.hstack([np.eye(3), -np.array([[0, -r[2], r[1]], [r[2], 0, -r[0]], [-r[1], r[0], 0]])])

@@ -1,4 +1,4 @@
-"""Coulomb friction in random collisions: energy, redundant contacts, the frictionless limit."""
+"""Coulomb friction in random collisions: energy, redundant contacts, the limit without friction."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def test_random_collisions(seed, e, e_t, cone):
     violations = impact.violations
     assert violations.kinetic <= 1e-9 * c.pre_speed
     assert violations.energetic <= 1e-9 * c.pre_speed
-    if (impact.target_contact_velocity >= 0).all():  # else a contact that separates is allowed to come back
+    if (impact.target_contact_velocity >= 0).all():  # otherwise a contact that separates may return
         assert violations.is_admissible()
     assert impact.work <= 1e-9 * max(c.pre_speed, impact.intensity) ** 2
     for i in range(len(c.labels)):
@@ -54,7 +54,7 @@ def test_without_friction_it_is_the_inner_law(law, name, cone):
         with pytest.raises(RestitutionError, match="no tangential restitution"):
             Coulomb(inner, tangential_restitution=along)
         along = 0.0
-    elif not inner.has_target:  # Routh's
+    elif not inner.has_target:  # Routh's law
         with pytest.raises(RestitutionError, match="has a rule of its own"):
             Coulomb(inner)
         return
@@ -70,7 +70,7 @@ def test_without_friction_it_is_the_inner_law(law, name, cone):
 
 @pytest.mark.parametrize("seed", range(25))
 def test_frictionless_limit(seed):
-    """Coefficients of 1e-12: the outcome is that of the inner law to 1e-10."""
+    """With coefficients of 1e-12, the outcome is that of the inner law to 1e-10."""
     c = friction_collision(np.random.default_rng(seed), ratio=10.0)
     f = c.friction
     slick = Friction(f.jacobian, f.contact, np.full(len(f), 1e-12))
@@ -81,10 +81,10 @@ def test_frictionless_limit(seed):
 
 
 def test_four_corners_share():
-    """A box that slides on its four corners: redundant contacts, the energy of a sliding point, equal shares."""
+    """A box slides on its four corners: redundant contacts share equally, with the energy of a sliding point."""
     corners = [(-1, -1), (1, -1), (-1, 1), (1, 1)]
     J = np.array([[0, 0, 1.0, y, -x, 0] for x, y in corners])
-    # the friction acts at the height of the centre, so that nothing turns
+    # friction acts at the height of the centre, so that the box does not turn
     T = np.vstack([[[1.0, 0, 0, 0, 0, -y], [0, 1.0, 0, 0, 0, x]] for x, y in corners])
     c = Collision(
         np.diag([2.0] * 3 + [4 / 3] * 3),
@@ -111,7 +111,7 @@ def test_surfaces_that_crush_a_body_are_refused():
 
 
 def test_ball_between_two_walls_bounces_off_one():
-    """gamma- = (-1, 1): the wall it leaves gives no impulse, and so no friction."""
+    """gamma- = (-1, 1): the wall that it leaves gives no impulse, and therefore no friction."""
     c = Collision(
         np.eye(2), [[0.0, 1.0], [0.0, -1.0]], [1.0, -1.0], friction=Friction([[1.0, 0]] * 2, [0, 1], [0.3, 0.3])
     )

@@ -1,4 +1,4 @@
-"""Audits of what stands on several feet, whose friction is redundant and whose torsion and rolling are weak."""
+"""Audits of bodies on several feet, with redundant friction and weak torsion and rolling."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ MU = [0.8, 0.8, 0.02, 1e-4, 1e-4]  # sliding, torsion, rolling
 
 
 def feet(rng: np.random.Generator) -> Collision:
-    """A body of 30 kg on four legs of three joints, with any velocity."""
+    """Return a body of 30 kg on four legs with three joints each, at a random velocity."""
     normal, rubbing = [], []
     for i, hip in enumerate(HIPS):
         move, turn = np.zeros((2, 3, 18))
@@ -38,5 +38,5 @@ def test_the_impulse_is_the_nearest_one_in_the_friction_cones(seed: int):
         left = Y.T @ x + T.T @ y.ravel() - impact.whitened_jump
         along = np.linalg.norm(MU * (T @ left).reshape(4, 5), axis=1)
         assert (np.linalg.norm(y / MU, axis=1) <= x * (1 + 1e-9)).all()
-        assert (Y @ left >= along - 1e-8).all()  # no impulse in the cones leads nearer
+        assert (Y @ left >= along - 1e-8).all()  # no impulse in the cones leads closer
         assert abs(left @ (left + impact.whitened_jump)) <= 1e-6

@@ -19,7 +19,7 @@ EXACT = {"rtol": 0, "atol": 1e-12}
 
 
 def test_sphere_slips():
-    """Friction is mu Lambda_n all the time: v_x loses mu (1 + e) v_z, and the spin gets what belongs to it."""
+    """Friction is mu Lambda_n throughout: v_x loses mu (1 + e) v_z, and the spin gets the corresponding share."""
     impact = Coulomb(Moreau(0.5)).resolve(sphere([3.0, 0.0, -2.0, 0, 0, 0], 0.1))
     normal = 2.0 * 1.5 * 2.0
     np.testing.assert_allclose(impact.impulse, [normal], **EXACT)
@@ -30,7 +30,7 @@ def test_sphere_slips():
 
 
 def test_sphere_sticks():
-    """The point of contact stops: v_x keeps 5/7, for Lambda_t = 2/7 m v_x < mu Lambda_n."""
+    """The contact point stops: v_x keeps 5/7, because Lambda_t = 2/7 m v_x < mu Lambda_n."""
     impact = Coulomb(Moreau(0.5)).resolve(sphere([3.0, 0.0, -2.0, 0, 0, 0], 0.5))
     np.testing.assert_allclose(impact.friction_impulse, [-2.0 * 3.0 * 2 / 7, 0.0], **EXACT)
     np.testing.assert_allclose(impact.post_velocity, [15 / 7, 0.0, 1.0, 0.0, 15 / 7 / 0.5, 0.0], **EXACT)
@@ -38,7 +38,7 @@ def test_sphere_sticks():
 
 
 def test_boundary_of_sticking():
-    """It sticks from mu = 2/7 v_x / ((1 + e) v_z) on, and not below."""
+    """It sticks for mu >= 2/7 v_x / ((1 + e) v_z), and slips below."""
     critical = 2 / 7 * 3.0 / (1.5 * 2.0)
     for factor, sliding in ((0.999, True), (1.001, False)):
         impact = Coulomb(Moreau(0.5)).resolve(sphere([3.0, 0.0, -2.0, 0, 0, 0], factor * critical))
@@ -53,13 +53,13 @@ def test_large_coefficients_make_it_stick(mu):
 
 @pytest.mark.parametrize("mu", [1e12, 1e15])
 def test_coefficients_that_hide_the_normal_are_refused(mu):
-    """Its gap gradient was taken for rounding then, and the sphere slid on as if without friction."""
+    """Regression: the gap gradient was taken for rounding, and the sphere slid on as if without friction."""
     with pytest.raises(SolverError, match="coefficients of friction of contacts 0 are too large"):
         Coulomb(Moreau(0.5)).resolve(sphere([3.0, 0.0, -2.0, 0, 0, 0], mu))
 
 
 def test_superball_reverses():
-    """e = e_t = 1: the point of contact comes back with -v_x, v_x keeps 3/7, and the energy is the same."""
+    """e = e_t = 1: the contact point returns with -v_x, v_x keeps 3/7, and energy is conserved."""
     c = sphere([3.0, 0.0, -2.0, 0, 0, 0], 2.0)
     impact = Coulomb(Moreau(1.0), tangential_restitution=1.0).resolve(c)
     np.testing.assert_allclose(impact.post_velocity, [9 / 7, 0, 2.0, 0, 10 / 7 * 3.0 / 0.5, 0], **EXACT)
@@ -69,14 +69,14 @@ def test_superball_reverses():
 
 
 def test_tangential_restitution_within_the_cone():
-    """Lambda_t would be 2/7 (1 + e_t) m v_x; where that is more than mu Lambda_n it is mu Lambda_n."""
+    """Lambda_t would be 2/7 (1 + e_t) m v_x; it is limited to mu Lambda_n."""
     for e_t, mu, expected in ((0.5, 1.0, 2 / 7 * 1.5 * 2.0 * 3.0), (1.0, 0.3, 0.3 * 6.0)):
         impact = Coulomb(Moreau(0.5), tangential_restitution=e_t).resolve(sphere([3.0, 0, -2.0, 0, 0, 0], mu))
         np.testing.assert_allclose(impact.friction_impulse[0], -expected, **EXACT)
 
 
 def test_spinning_ball_is_driven():
-    """Top spin without speed: friction accelerates it to 2/7 r w, where it rolls."""
+    """Top spin without speed: friction accelerates the ball to 2/7 r w, where it rolls."""
     impact = Coulomb(MaximalDissipation()).resolve(sphere([0, 0, -2.0, 0, 30.0, 0], 3.0))
     np.testing.assert_allclose(impact.post_velocity, [2 / 7 * 0.5 * 30, 0, 0, 0, 2 / 7 * 30.0, 0], **EXACT)
 
@@ -89,9 +89,9 @@ def test_torsion(torsion, spin):
 
 
 def test_rolling_resistance():
-    """A rolling ball: the moment of resistance and the friction that keeps it rolling share the cone.
+    """A rolling ball: the moment of rolling resistance and the friction that keeps it rolling share the cone.
 
-    With ``v = r w``, Lambda_t = (f, tau): m dv = f, I dw = -r f + tau, and rolling on, dv = r dw, gives
+    With ``v = r w``, Lambda_t = (f, tau): m dv = f, I dw = -r f + tau, and while it rolls, dv = r dw. This gives
     ``tau = (I + m r^2) dv / r``, so that f/tau = m r / (I + m r^2).
     """
     m, r, mu, rolling = 2.0, 0.5, 1.0, 0.02
@@ -101,10 +101,10 @@ def test_rolling_resistance():
     ratio = m * r / (inertia + m * r**2)
     f, tau = impact.friction_impulse[0], impact.friction_impulse[4]
     assert (f / mu) ** 2 + (tau / rolling) ** 2 == pytest.approx(impact.impulse[0] ** 2, rel=1e-12)
-    # sliding is opposed in the ratio of the cone: u_slip mu : u_roll rolling = f / mu : tau / rolling
+    # slip is opposed in the ratio of the cone: u_slip mu : u_roll rolling = f / mu : tau / rolling
     slip, roll = impact.post_sliding_velocity[[0, 4]]
     assert mu * slip * tau / rolling == pytest.approx(rolling * roll * f / mu, abs=1e-12)
-    assert abs(f) < abs(ratio * tau)  # it slips a little, since that dissipates more
+    assert abs(f) < abs(ratio * tau)  # it slips slightly, because this dissipates more
     strong = Coulomb(MaximalDissipation()).resolve(sphere([1.0, 0, -2.0, 0, 2.0, 0], mu, torsion=1.0, rolling=1.0))
     np.testing.assert_allclose(strong.post_velocity, 0.0, **EXACT)
     np.testing.assert_allclose(strong.friction_impulse[[0, 4]], [-2.0, -(inertia + m * r**2) / r], **EXACT)
@@ -112,7 +112,7 @@ def test_rolling_resistance():
 
 @pytest.mark.parametrize(("mu", "moves"), [(np.tan(0.3) * 0.99, True), (np.tan(0.3) * 1.01, False)])
 def test_block_on_an_incline(mu, moves):
-    """What gravity gives it in a time dt along a slope of angle 0.3 is taken by friction if mu >= tan 0.3."""
+    """Friction cancels the velocity that gravity adds in dt on a slope of 0.3 rad if mu >= tan 0.3."""
     g = 9.81 * 0.01
     v = [g * np.sin(0.3), 0.0, -g * np.cos(0.3)]
     c = Collision(2.0 * np.eye(3), [[0, 0, 1.0]], v, friction=Friction(np.eye(3)[:2], [0, 0], [mu, mu]))
@@ -123,11 +123,11 @@ def test_block_on_an_incline(mu, moves):
 
 @pytest.mark.parametrize("mu", [0.2, 4 / 3, 1.5, 2.5, 50.0])
 def test_rod_on_one_end(mu):
-    """Painlevé: a uniform rod, m = 1, length 2, at 60 degrees, slides on its lower end, which also approaches.
+    """Painlevé: a uniform rod, m = 1, length 2, at 60 degrees, slides on its lower end, which also closes.
 
     With the lower end at (-cos a, -sin a) from the middle: G_nn = 1 + 3 cos^2 a, G_tt = 1 + 3 sin^2 a, and
     G_nt = -3 sin a cos a, so that friction against sliding presses the end down for mu > G_nn / |G_nt|, 1.347.
-    At the level of velocities there is a solution for every mu; where G_nn - mu |G_nt| <= 0 the end cannot go on
+    At the level of velocities there is a solution for every mu. Where G_nn - mu |G_nt| <= 0 the end cannot keep
     sliding: it sticks, with impulses G^-1 gamma-.
     """
     a = np.pi / 3
@@ -146,7 +146,7 @@ def test_rod_on_one_end(mu):
     stuck = np.linalg.solve(G, [0.1, 1.0])
     if abs(stuck[1]) <= mu * stuck[0]:
         np.testing.assert_allclose([impact.impulse[0], impact.friction_impulse[0]], stuck, **EXACT)
-    else:  # slides on to the left: Lambda_t = mu Lambda_n
+    else:  # it keeps sliding to the left: Lambda_t = mu Lambda_n
         normal = 0.1 / (G[0, 0] + mu * G[0, 1])
         np.testing.assert_allclose([impact.impulse[0], impact.friction_impulse[0]], [normal, mu * normal], **EXACT)
         assert impact.post_sliding_velocity[0] < 0
@@ -155,7 +155,7 @@ def test_rod_on_one_end(mu):
 
 
 def test_convex_relaxation_lifts_what_slides():
-    """Anitescu's relaxation: u_n = mu |u_t| where a contact slides."""
+    """Anitescu's relaxation: u_n = mu |u_t| at a sliding contact."""
     impact = Coulomb(MaximalDissipation(), cone="convex").resolve(sphere([3.0, 0, -2.0, 0, 0, 0], 0.1))
     assert impact.post_contact_velocity[0] == pytest.approx(0.1 * np.linalg.norm(impact.post_sliding_velocity))
     assert impact.post_contact_velocity[0] > 0.1
@@ -163,7 +163,7 @@ def test_convex_relaxation_lifts_what_slides():
 
 
 def test_moving_belt():
-    """A ball at rest is set down on a belt that runs at 1: it is taken along, and the belt does the work."""
+    """A ball at rest is put on a belt that runs at 1: it is taken along, and the belt does the work."""
     c = sphere([0, 0, -1.0, 0, 0, 0], 2.0)
     belt = Friction(c.friction.jacobian, [0, 0], [2.0, 2.0], [-1.0, 0.0])
     c = Collision(c.mass_matrix, c.jacobian, c.pre_velocity, friction=belt)
@@ -175,7 +175,7 @@ def test_moving_belt():
 
 
 def kane() -> Collision:
-    """A rod meets the floor obliquely, sliding: Newton's restitution with friction creates energy (Kane 1984)."""
+    """Return a rod that hits the floor obliquely while sliding: Newton's law with friction gains energy (Kane 1984)."""
     a = 0.9
     r = np.array([-np.cos(a), -np.sin(a)])
     friction = Friction([[1.0, 0.0, -r[1]]], [0], [0.7])
@@ -191,12 +191,12 @@ def test_newton_with_friction_would_create_energy():
         impact.post_contact_velocity, -impact.restitution_scale * c.pre_contact_velocity, rtol=0, atol=1e-10
     )
     more = Coulomb(Newton(min(1.0, 1.01 * impact.restitution_scale))).resolve(c)
-    assert more.restitution_scale < 1.0  # a little more would create some
+    assert more.restitution_scale < 1.0  # with more, energy would be created
     assert Coulomb(Newton(0.99 * impact.restitution_scale)).resolve(c).restitution_scale == 1.0
 
 
 def test_a_solution_far_from_the_guess_is_found():
-    """One has the first contact open and the second stick; from rest the solver stops where nothing moves."""
+    """In the solution the first contact opens and the second sticks; from rest the solver ends where no body moves."""
     friction = Friction(
         [[-0.42, -1.74, -0.79], [2.17, 0.6, 2.18], [-1.51, 0.81, -0.68], [-0.12, 1.74, -0.66]],
         [0, 0, 1, 1],
@@ -217,7 +217,7 @@ def test_a_solution_far_from_the_guess_is_found():
 
 @pytest.mark.parametrize("mu", [3e9, 9e9])
 def test_coefficients_that_hide_where_a_box_is_going_are_refused(mu):
-    """It passed through the floor: in units of friction, its four corners had stopped."""
+    """Regression: it passed through the floor, because in units of friction its four corners had stopped."""
     corners = [np.array([x, y, -1.0]) for x in (-1, 1) for y in (-1, 1)]
     rows = [[np.concatenate([d, np.cross(r, d)]) for d in np.eye(3)] for r in corners]
     friction = Friction(np.vstack([row[:2] for row in rows]), np.repeat(range(4), 2), np.full(8, mu))

@@ -1,4 +1,4 @@
-"""Outcomes observed, contacts selected, arguments refused, and violations with friction."""
+"""Observed outcomes, selected contacts, refused arguments, and violations with friction."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def test_observed():
     seen = FrictionImpact.observed(c, decided.post_velocity)
     np.testing.assert_allclose(seen.friction_impulse, decided.friction_impulse, **EXACT)
     assert seen.violations.is_admissible()
-    assert Impact.observed(c, decided.post_velocity).violations.kinetic > 0.1  # without friction it is a mystery
+    assert Impact.observed(c, decided.post_velocity).violations.kinetic > 0.1  # inadmissible without friction
     pulled = FrictionImpact.observed(c, [3.0 - 1.0, 0.0, 0.0, 0, 5 / 2 / 0.5, 0])
     assert pulled.violations.kinetic == pytest.approx(0.8 * np.sqrt(7.0) / np.sqrt(1 + 0.01 * 3.5), abs=0.1)
     with pytest.raises(InvalidCollisionError, match="no friction"):
@@ -99,7 +99,7 @@ def test_labels_of_the_inner_law():
 
 
 def test_violations_are_compared_with_the_speed_of_the_surface_that_slides_below():
-    """A body that all but rests on a belt of 1 m/s: what is rounding of the belt's speed is no violation."""
+    """A body almost at rest on a belt of 1 m/s: an error within rounding of the belt's speed is no violation."""
     belt = Friction([[1, 0, 0]], [0], [0.5], surface_velocity=[-1.0])
     collision = Collision(np.eye(3), [[0, 1, 0]], [0, -5e-9, 0], friction=belt)
     after = Coulomb(Moreau(0.3)).resolve(collision).post_velocity

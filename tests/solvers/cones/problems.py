@@ -1,4 +1,4 @@
-"""Problems for the tests of the compiled cone solver: rows in compressed form, made from dense ones."""
+"""Problems for tests of the compiled cone solver, with CSR rows made from dense ones."""
 
 import numpy as np
 

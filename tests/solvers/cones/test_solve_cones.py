@@ -24,7 +24,7 @@ def permuted(args, order):
 
 
 def test_one_contact_slides():
-    mu = 0.5  # a unit mass that moves at 3 along x and falls at 1
+    mu = 0.5  # a unit mass that slides at 3 along x and falls at 1
     args = problem(np.diag([1.0, mu, mu]), [3], CONE, [-1.0, 3.0 * mu, 0.0])
     x, z, residual, _ = run(args)
     np.testing.assert_allclose(x, [1.0, -1.0, 0.0], atol=1e-9)
@@ -48,7 +48,7 @@ def test_one_contact_opens_and_one_sticks():
 
 def test_box_on_four_corners_sticks():
     rows = []
-    for px, py in ((1, 1), (1, -1), (-1, 1), (-1, -1)):  # velocity and rotation of a cube of unit inertia
+    for px, py in ((1, 1), (1, -1), (-1, 1), (-1, -1)):  # velocity and angular velocity of a cube of unit inertia
         r = np.array([px, py, -1.0])
         rows += [np.append(d, np.cross(r, d)) for d in np.eye(3)[[2, 0, 1]]]
     Y = np.array(rows)
@@ -98,7 +98,7 @@ def test_solvable_problems(contacts, nv, m, exact):
         assert residual == pytest.approx(natural_map(*args, exact, x), abs=1e-15)
         np.testing.assert_allclose(z, dense(args).T @ x, atol=1e-12 * (1 + np.abs(x).max()))
         solved += residual <= TOLERANCE
-    assert solved >= (3 if exact else 5)  # exact friction with dense random rows: not every one is found
+    assert solved >= (3 if exact else 5)  # exact friction with dense random rows: some solutions are not found
 
 
 @pytest.mark.parametrize("exact", [True, False])
@@ -141,7 +141,7 @@ def test_order_of_groups_does_not_matter():
 def test_rows_or_degrees_of_freedom_give_the_same_jump():
     for seed in range(5):
         rng = np.random.default_rng(seed)
-        args, _ = solvable(rng, 4, 20, exact=False)  # fewer rows: the system of rows
+        args, _ = solvable(rng, 4, 20, exact=False)  # fewer rows than velocities: the system of the rows is solved
         Y, b = dense(args), args[11]
         twice = problem(np.vstack([Y, Y]), [3] * 8, CONE, np.append(b, b))  # more rows, the same motion
         np.testing.assert_allclose(run(twice, exact=False)[1], run(args, exact=False)[1], atol=1e-7)
@@ -168,7 +168,7 @@ def test_conflict_ends_with_bounded_work(exact):
     rng = np.random.default_rng(1)
     Y = np.zeros((24, 6))
     Y[:3] = rng.normal(size=(3, 6))
-    Y[3:6] = -Y[:3]  # two walls that both push: no motion leaves both at speed 1
+    Y[3:6] = -Y[:3]  # two opposing walls: no motion leaves both at speed 1
     Y[6:] = rng.normal(size=(18, 6))
     args = problem(Y, [3] * 8, CONE, np.tile([-1.0, 0.2, 0.1], 8))
     x, _, residual, iterations = run(args, exact=exact)

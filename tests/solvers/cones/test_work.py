@@ -17,7 +17,7 @@ def run(args, work, rounds=24, *, exact=True):
 
 
 def without_solution(contacts):
-    """Masses on rails that walls are to throw back, which friction presses on, mixed to one island."""
+    """Return masses on rails that cannot rebound from walls because friction presses them on, mixed into one island."""
     mix = np.linalg.qr(np.random.default_rng(0).standard_normal((contacts, contacts)))[0]
     Y = np.kron(np.eye(contacts), [[0.5], [1.0]]) @ mix
     return problem(Y, [2] * contacts, CONE, np.tile([-1.0, -1.0], contacts))
@@ -61,7 +61,7 @@ def test_nothing_that_can_be_reached_is_given_up(spread):
 
 @pytest.mark.parametrize("shape", [(4, 4, 3), (4, 3, 2), (8, 6, 2), (6, 6, 3)])
 def test_exact_friction_is_not_given_up_near_its_solution(shape):
-    """Convex problems of some of these have none, but the natural map says that exact friction has one."""
+    """Some of these have unsolvable convex problems, but the natural map shows that exact friction has a solution."""
     hard = 0
     for seed in range(400):
         args, _ = solvable(np.random.default_rng(seed), *shape)
@@ -77,9 +77,9 @@ def test_exact_friction_is_not_given_up_near_its_solution(shape):
     [(8, 12, 3, 0.05, 0.01), (4, 20, 12, 0.05, 0.01), (8, 16, 15, 0.05, 0.01), (8, 30, 20, 0.2, 0.12)],
 )
 def test_slow_rounds_are_rare_where_joints_have_dry_friction(contacts, joints, boxes, slow, missed):
-    """An interior point method, of boxes too, ends the circles in which Newton's method runs.
+    """An interior point method, which includes boxes, takes over when Newton's method cycles.
 
-    With boxes that it took to be held or to slide, 0.03, 0.28, 0.09 and 0.83 of these problems were slow.
+    When it fixed each box as held or as sliding, 0.03, 0.28, 0.09 and 0.83 of these problems were slow.
     """
     shape = contacts, joints
     problems = [solvable(np.random.default_rng(seed), *shape, extra=2 * boxes)[0] for seed in range(200)]
@@ -104,7 +104,7 @@ def test_what_little_is_left_is_not_passed_by_far(contacts):
 
 
 def squeezed(masses):
-    """A row of masses that push each other, each of them between two walls that move towards each other."""
+    """Return a row of masses that push each other, each of them between two walls that move towards each other."""
     chain = np.eye(masses) - np.eye(masses, k=1)
     Y = np.concatenate([np.eye(masses), -np.eye(masses), chain[:-1]])
     b = np.concatenate([np.full(2 * masses, -1.0), np.full(masses - 1, -0.1)])
@@ -117,5 +117,5 @@ def test_large_convex_problems_keep_to_it_too():
     _, none_left, _ = run(squeezed(200), 0.0, exact=False)
     assert none_left <= 20
     assert some_steps < 0.6 * all_steps
-    assert less < 0.7  # one proximal step may be begun
+    assert less < 0.7  # one proximal step may exceed the budget
     assert spent < 1.2

@@ -1,4 +1,4 @@
-"""Redundant contacts with friction share alike."""
+"""Redundant contacts with friction share impulses equally."""
 
 import numpy as np
 import scipy
@@ -7,7 +7,7 @@ from impactlaw import Collision, Coulomb, Friction, Moreau
 
 
 def boxes(velocities):
-    """Boxes of 1 kg, each of which lands flat on four rough corners, with these velocities, (n, 6)."""
+    """Return boxes of 1 kg, each of which lands flat on four rough corners, with these velocities, (n, 6)."""
     n = len(velocities)
     normals, tangents = [], []
     for i in range(n):
@@ -23,7 +23,7 @@ def boxes(velocities):
 
 
 def test_bodies_that_do_not_feel_each_other_share_each_by_themselves(monkeypatch):
-    """A thousand contacts of boxes side by side took minutes: one dense problem of all."""
+    """Regression: a thousand contacts of boxes side by side took minutes as one dense problem."""
     sizes = []
     solve = scipy.linalg.lstsq
 

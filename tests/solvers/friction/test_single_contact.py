@@ -1,4 +1,4 @@
-"""One contact with friction: what needs no Newton step is what Newton's method finds."""
+"""A single contact with friction: closed-form answers agree with Newton's method."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from impactlaw.solvers.problem import Status
 
 
 def alone(rng, m, friction):
-    """A contact of m rows, with coefficients of friction up to some number, that closes."""
+    """Return a closing contact of m rows, with coefficients of friction up to a given number."""
     A = rng.normal(size=(m, 6))
     A[1:] *= friction * rng.uniform(0.1, 1.0)
     b = rng.normal(size=m) * 10.0 ** rng.uniform(-3, 3)
@@ -50,9 +50,9 @@ def test_guess_of_the_direction_does_not_matter():
 @pytest.mark.parametrize(
     ("A", "b"),
     [
-        ([[1.0, 0.0], [-2.0, 0.1]], [-1.0, 1.0]),  # friction presses the contact closed
-        ([[0.0, 0.0], [1.0, 0.0]], [-1.0, 1.0]),  # nothing can give way
-        ([[1.0, 0.0, 0.0, 0.0], *(0.3 * np.eye(4)[1:])], [-1.0, 1.0, 1.0, 1.0]),  # torsion beside sliding
+        ([[1.0, 0.0], [-2.0, 0.1]], [-1.0, 1.0]),  # friction presses the contact together
+        ([[0.0, 0.0], [1.0, 0.0]], [-1.0, 1.0]),  # no motion opens the contact
+        ([[1.0, 0.0, 0.0, 0.0], *(0.3 * np.eye(4)[1:])], [-1.0, 1.0, 1.0, 1.0]),  # torsion as well as sliding
     ],
 )
 def test_what_has_no_closed_form_is_left_to_other_solvers(A, b):

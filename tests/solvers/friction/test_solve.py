@@ -1,4 +1,4 @@
-"""The solver of contacts with friction: closed forms, a certificate of its own, random problems, redundant contacts."""
+"""The solver of contacts with friction: closed forms, an independent check, random problems, redundant contacts."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from impactlaw.solvers.problem import Status
 
 
 def complementarity(A, b, sizes, impulse, *, exact, scale):
-    """The largest violation of the cone complementarity, contact by contact, relative, from its definition."""
+    """Return the largest relative violation of the cone complementarity of a contact, from its definition."""
     u = A @ (A.T @ impulse) + b
     worst = 0.0
     for i, first in enumerate(np.cumsum(sizes) - sizes):
@@ -32,7 +32,7 @@ def complementarity(A, b, sizes, impulse, *, exact, scale):
     [(0.5, "slides"), (4.0, "sticks")],
 )
 def test_one_contact(mu, expected, exact):
-    """A point of mass 1 comes in with velocity (3, 0, -2): it sticks for mu > 3/2, and slides below."""
+    """A point mass of 1 comes in with velocity (3, 0, -2): it sticks for mu > 3/2, and slides below."""
     A = np.array([[0.0, 0.0, 1.0], [mu, 0.0, 0.0], [0.0, mu, 0.0]])
     answer = solve_cones(ConeProblem(A, A @ [3.0, 0.0, -2.0], np.array([3]), exact=exact))
     jump = [-3.0, 0.0, 2.0]
@@ -72,7 +72,7 @@ def test_warm_start_needs_no_step():
 
 
 def test_no_solution_is_said():
-    """Two contacts on one coordinate that are asked to reach different velocities in opposite directions."""
+    """Two contacts on one coordinate ask for different velocities in opposite directions."""
     A = np.array([[1.0], [-1.0]])
     answer = solve_cones(ConeProblem(A, np.array([-1.0, -1.0]), np.array([1, 1])))
     assert answer.status is Status.STOPPED
@@ -99,7 +99,7 @@ PRESSED = (
 
 @pytest.mark.parametrize(("normal", "sliding", "mu", "e", "before", "after"), [WEDGED, PRESSED])
 def test_rounding_of_huge_impulses_hides_no_wrong_velocity(normal, sliding, mu, e, before, after):
-    """Contacts that wedge can press against each other with any impulse: 1e18 N s, and u would be lost next to it."""
+    """Wedged contacts can press against each other with any impulse, 1e18 N s, next to which u would be lost."""
     collision = Collision(np.eye(2), normal, before, friction=Friction(sliding, [0, 1, 2], mu))
     impact = Coulomb(Newton(e)).resolve(collision)
     np.testing.assert_allclose(impact.post_velocity, after, rtol=0, atol=1e-9 * np.linalg.norm(before))
@@ -121,7 +121,7 @@ def test_projection_onto_the_cone():
     x = rng.normal(size=(200, 4))
     p = project(x)
     assert (np.linalg.norm(p[:, 1:], axis=1) <= p[:, 0] * (1 + 1e-15)).all()
-    w = p - x  # in the cone too, and orthogonal to p: Moreau's decomposition
+    w = p - x  # also in the cone, and orthogonal to p: Moreau's decomposition
     assert (np.linalg.norm(w[:, 1:], axis=1) <= w[:, 0] + 1e-15).all()
     np.testing.assert_allclose(np.vecdot(p, w), 0.0, atol=1e-14)
     d = rng.normal(size=x.shape)
@@ -132,7 +132,7 @@ def test_projection_onto_the_cone():
 # --- what comes after Newton's method --------------------------------------------------------------------------------
 
 HARD = [1008, 1009, 1010, 1015, 1024, 1026, 1363, 1548, 1612, 1671, 1714, 1824]
-"""Seeds at which Newton's method from rest cycled where this was written."""
+"""Seeds for which Newton's method from rest cycled when this was written."""
 
 
 def hard(seed, exact=True):
@@ -161,9 +161,9 @@ def test_hard_problems_need_few_rounds():
 @pytest.mark.parametrize("hasty", [False, True])
 @pytest.mark.parametrize(("most", "calls"), [(np.inf, 8), (100.0, 8), (25.0, 3), (1.0, 1)])
 def test_steps_of_all_attempts_count_and_end_them(most, calls, hasty, monkeypatch):
-    """A solver that finds nothing is asked twice from each of four points, unless that took too many steps.
+    """A solver that finds no answer is called twice from each of four points, unless that takes too many steps.
 
-    In haste it is asked from the second two only where the convex problem has a solution.
+    In haste, it is called from the last two points only if the convex problem has a solution.
     """
     asked = []
 
@@ -180,7 +180,7 @@ def test_steps_of_all_attempts_count_and_end_them(most, calls, hasty, monkeypatc
 
 @pytest.mark.parametrize("slow", [1e-3, 1e-6])
 def test_a_jam_next_to_a_fast_collision_is_soon_seen_in_haste(slow):
-    """The first contact cannot separate by itself at any speed; thousands of steps found no more than that."""
+    """The first contact cannot separate at any speed by itself. Regression: this took thousands of steps."""
     A = np.array([[0.5, 0.0, 0.0], [0.866, 0.0, 0.0], [-0.4, 1.0, 0.0], [0.2, 0.1, 0.5]])
     problem = ConeProblem(A, np.array([-1.5 * slow, -slow, -30.0, 1.0]), np.array([2, 2]))
     answer = solve_cones(problem, hasty=True)

@@ -27,5 +27,5 @@ def ball(height=0.1, mu=0.5, condim=3, more="0 0"):
 
 
 def sloped(angle, option=RK4):
-    """Gravity leans over: the floor is an incline that falls towards x."""
+    """Return the option that tilts gravity: the floor becomes an incline that falls towards x."""
     return f'{option} gravity="{G * math.sin(angle)} 0 {-G * math.cos(angle)}"'

@@ -26,7 +26,7 @@ def test_a_stack_stands_for_ten_seconds(integrator):
 
 
 def test_a_belt_takes_a_box_along():
-    """It accelerates with mu g to the belt's speed, and then goes with it."""
+    """It accelerates with mu g to the speed of the belt, and then moves with it."""
     model, data = compiled(floor(rest='surfacevel="0.5 0 0 0 0 0"') + box(mu=0.4))
     stepper = Stepper(model, Newton(0.5))
     run(stepper, data, 20)
@@ -66,8 +66,10 @@ def test_without_coefficients_friction_is_nothing():
 
 
 def test_a_rod_that_falls_obliquely_on_one_end_jams_without_gaining_energy():
-    """Painlevé's rod, mu above 4/3: it turns about the end that jams. Sustained contact is of second order in the
-    timestep, so that 2e-6 J may come and go within one; impacts never create any."""
+    """Painlevé's rod, mu above 4/3: it turns about the end that jams, and impacts never create energy.
+
+    Sustained contact is of second order in the timestep, so that up to 2e-6 J may come and go within a step.
+    """
     rod = (
         '<body name="rod" pos="0 0 .43"><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>'
         '<joint axis="0 -1 0"/><geom name="rod" type="capsule" fromto="-.25 0 -.4330127 .25 0 .4330127" size=".01" '
@@ -103,7 +105,7 @@ def test_the_admissible_set_is_for_contacts_without_friction():
 @pytest.mark.filterwarnings("ignore::impactlaw.errors.ManyCollisionsWarning")
 @pytest.mark.parametrize(("name", "steps"), [("Ant-v5", 300), ("Humanoid-v5", 230), ("Hopper-v5", 300)])
 def test_gymnasium_robots_run_on_rigid_contact(name, steps):
-    """With friction and random controls: no divergence, no penetration, impacts that create no energy."""
+    """With friction and random controls there is no divergence and no penetration, and impacts do not create energy."""
     unwrapped = gymnasium.make(name).unwrapped
     unwrapped.reset(seed=0)
     model, data = unwrapped.model, unwrapped.data
@@ -122,11 +124,11 @@ def test_gymnasium_robots_run_on_rigid_contact(name, steps):
             assert event.impact.residual < 1e-8
     assert np.isfinite(data.qpos).all()
     assert collisions > 5
-    assert stepper.unlocated <= 5  # a foot squeezed between floor and thigh bounces between both without end
+    assert stepper.unlocated <= 5  # a foot squeezed between floor and thigh bounces between them without end
 
 
 def test_a_phase_may_start_where_nothing_was_held_in_the_end(monkeypatch):
-    """The forces of the phase before are known, and are of no contact: found under a coin that rolls on its rim."""
+    """The last phase's forces are known but have no contacts, as happened under a coin that rolls on its rim."""
     model, data = compiled(floor() + box())
     stepper = Stepper(model, Newton(0.5))
     stepper.step(data)
@@ -149,7 +151,7 @@ def test_a_phase_may_start_where_nothing_was_held_in_the_end(monkeypatch):
 @pytest.mark.parametrize("integrator", ["Euler", "RK4"])
 @pytest.mark.parametrize("restitution", [0.0, 0.3, 0.5])
 def test_a_coin_that_rolls_on_its_rim_stays_in_contact(integrator, restitution):
-    """Its contact point runs round the rim faster than the coin moves, and is one contact all the same."""
+    """Its contact point moves along the rim faster than the coin, but is a single contact."""
     coin = (
         '<body name="coin" pos="0 0 .2"><freejoint/>'
         '<geom type="cylinder" size=".1 .005" mass="1" friction=".3"/></body>'
@@ -175,7 +177,7 @@ def test_a_coin_that_rolls_on_its_rim_stays_in_contact(integrator, restitution):
 
 
 def test_what_cannot_give_way_keeps_nothing_else_from_being_corrected():
-    """A block between walls that are 1e-10 m too near, and one that slides on a table through which it cannot move."""
+    """A block between walls that are 1e-10 m too close, and a slider on a table through which it cannot move."""
     floor = '<geom name="floor" type="plane" size="9 9 1"/>'
     walls = "".join(f'<geom type="box" size=".1 .1 .1" pos="{x} 0 .5"/>' for x in (-1.2, -0.8000000001))
     block = (

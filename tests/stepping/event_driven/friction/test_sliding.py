@@ -24,7 +24,7 @@ def test_a_box_sticks_to_an_incline_and_does_not_creep(integrator, friction):
 
 @pytest.mark.parametrize(("integrator", "tolerance"), [("RK4", 1e-9), ("Euler", 5e-3)])
 def test_a_box_slides_down_an_incline(integrator, tolerance):
-    """tan(0.5) = 0.546 > 0.5: x = (sin - mu cos) g t^2 / 2; Euler is G h t / 2 off, as without friction."""
+    """tan(0.5) = 0.546 > 0.5: x = (sin - mu cos) g t^2 / 2; Euler has an error of G h t / 2, as without friction."""
     model, data = compiled(floor() + box(), option=sloped(0.5, f'timestep="0.005" integrator="{integrator}"'))
     stepper = Stepper(model, Newton(0.5))
     assert run(stepper, data, 200) == []
@@ -36,7 +36,7 @@ def test_a_box_slides_down_an_incline(integrator, tolerance):
 
 @pytest.mark.parametrize("timestep", [0.01, 0.005, 0.0025])
 def test_a_box_stops_at_the_right_distance(timestep):
-    """v^2 / (2 mu g): the step in which it stops is the only one with an error, at most mu g h^2 / 2."""
+    """v^2 / (2 mu g): only the step in which it stops has an error, at most mu g h^2 / 2."""
     model, data = compiled(floor() + box(), option=f'timestep="{timestep}" integrator="RK4"')
     data.qvel[:2] = 0.8, 0.6
     stepper = Stepper(model, Newton(0.5))
@@ -49,7 +49,7 @@ def test_a_box_stops_at_the_right_distance(timestep):
 
 
 def test_a_ball_slides_until_it_rolls():
-    """From v without spin, it rolls with 5 v / 7 after 2 v / (7 mu g)."""
+    """With initial speed v and no spin, it rolls with 5 v / 7 after 2 v / (7 mu g)."""
     mu, v = 0.2, 1.0
     model, data = compiled(floor() + ball(mu=mu))
     data.qvel[0] = v
@@ -64,7 +64,7 @@ def test_a_ball_slides_until_it_rolls():
 
 
 def test_rolling_resistance_stops_a_ball():
-    """A moment m_r N against rolling: (7/5) m a = -m_r N / R, with the coefficient m_r in meters.
+    """A moment m_r N opposes rolling: (7/5) m a = -m_r N / R, with the coefficient m_r in meters.
 
     In MuJoCo's elliptic cone rolling and sliding share N: the force F = m a slips, by m_r omega F / (mu^2 N).
     """
@@ -93,7 +93,7 @@ def test_torsion_stops_a_spinning_ball():
 @pytest.mark.parametrize(("mu", "slips"), [(0.03, True), (0.9, False)])
 @pytest.mark.parametrize("law", [Newton(0.6), Coulomb(Newton(0.6), tangential_restitution=0.4)])
 def test_an_oblique_bounce(law, mu, slips):
-    """Slip: Lambda_t = mu Lambda_n; stick: the contact point's velocity is -e_t times the one before."""
+    """If it slips, Lambda_t = mu Lambda_n; if it sticks, the contact point gets -e_t times its velocity before."""
     model, data = compiled(floor() + ball(height=0.5, mu=mu), option='timestep="0.01" gravity="0 0 0"')
     data.qvel[:] = 1.0, 0.0, -2.0, 0.0, 5.0, 0.0
     (event,) = run(Stepper(model, law), data, 40)
@@ -108,7 +108,7 @@ def test_an_oblique_bounce(law, mu, slips):
 
 
 def slide_over_a_sphere(condim, timestep, rotation, start=(1.0, 0.0, 0.0), spin=(0.0, 0.0, 0.0)):
-    """Position and velocity after 0.2 s of a ball that slides over a sphere of 1 m, seen in the rotated scene."""
+    """Return position and velocity after 0.2 s of a ball that slides over a 1 m sphere, in the rotated frame."""
     normal, quat = np.array([math.sin(0.3), 0.0, math.cos(0.3)]), np.zeros(4)
     mujoco.mju_mat2Quat(quat, rotation.ravel())
     place, gravity, turned = (" ".join(map(str, x)) for x in (1.1 * rotation @ normal, -G * rotation[:, 2], quat))
@@ -130,7 +130,7 @@ ROTATIONS = [Q * np.linalg.det(Q) for Q in ROTATIONS]
 @pytest.mark.parametrize("condim", [3, 4, 6])
 @pytest.mark.parametrize("rotation", ROTATIONS[:4])
 def test_sliding_over_a_sphere_does_not_depend_on_how_the_scene_lies_in_the_world(condim, rotation):
-    """MuJoCo's directions of friction spin about the normal as it turns, differently in each."""
+    """MuJoCo's directions of friction spin about the normal as it turns, differently for each orientation."""
     start, spin = (-0.5, 1.2, 0.0), (10.0, -20.0, 15.0)
     upright = slide_over_a_sphere(condim, 2e-3, np.eye(3), start, spin)
     np.testing.assert_allclose(slide_over_a_sphere(condim, 2e-3, rotation, start, spin), upright, rtol=0, atol=1e-10)

@@ -1,4 +1,4 @@
-"""A table that is struck under bodies that slide on it: its velocity jumps, and friction acts."""
+"""A table that jumps in velocity below bodies that slide on it, with friction."""
 
 import math
 
@@ -12,7 +12,7 @@ TABLE = '<body name="table" mocap="true"><geom name="table" type="box" size="2 2
 
 
 def leaning_rod(side: float):
-    """A rod in touch with the table, at 30 degrees to its normal, that slides at 0.5 m/s."""
+    """Return a rod that touches the table, at 30 degrees to its normal, and slides at 0.5 m/s."""
     x, z = side * 0.25, 0.5 * math.cos(math.pi / 6)
     joints = "".join(f'<joint type="{kind}" axis="{axis}"/>' for kind, axis in (
         ("slide", "1 0 0"), ("slide", "0 0 1"), ("hinge", "0 1 0"),
@@ -22,7 +22,7 @@ def leaning_rod(side: float):
 
 
 def struck(law, body, speed=(0.0, 0.0, 1.0), **options):
-    """The collision of a body that slides on a table at rest, which moves at a speed from then on."""
+    """Return the collision of a body that slides on a table at rest, which from then on moves at a given speed."""
     option = 'timestep="0.002" gravity="0 0 0" integrator="RK4"'
     model, data = compiled(TABLE + body, option=option, geom='friction="0.2"')
     data.qvel[0] = 0.5
@@ -38,7 +38,7 @@ def struck(law, body, speed=(0.0, 0.0, 1.0), **options):
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 @pytest.mark.parametrize("law", [MaximalDissipation(), Moreau(0.0), Moreau(0.5), Newton(1.0)])
 def test_a_rod_goes_along_with_the_table_as_under_time_stepping(law, side):
-    """Sliding turns round within the blow: the mean sliding velocity is along friction, which creates nothing."""
+    """Sliding reverses during the blow: friction acts along the mean sliding velocity, and creates no energy."""
     impact = struck(law, leaning_rod(side))
     assert impact.violations.is_admissible()
     assert impact.restitution_scale == 1.0
@@ -57,7 +57,7 @@ def test_poisson_compresses_after_the_jump_with_friction_as_without(side):
 
 
 def test_a_block_that_is_thrown_by_poisson_leaves_with_restitution():
-    """v+ = (1 + e) w, and surfaces do Lambda w, with friction as without."""
+    """v+ = (1 + e) w, and surfaces do the work Lambda w, with and without friction."""
     box = '<body pos="0 0 .1"><freejoint/><geom name="box" type="box" size=".1 .1 .1" mass="8"/></body>'
     for options in ({}, {"friction": "ignore"}):
         impact = struck(Poisson(0.5), box, **options)
@@ -67,7 +67,7 @@ def test_a_block_that_is_thrown_by_poisson_leaves_with_restitution():
 
 
 def test_what_rests_on_a_table_that_is_struck():
-    """Event-driven steps see gamma- = 0 before the blow, and no restitution; the others see gamma- = -w, and e w."""
+    """Event-driven steps see gamma- = 0 before the blow, so no restitution; the others see gamma- = -w, so e w."""
     box = '<body pos="0 0 .1"><freejoint/><geom name="box" type="box" size=".1 .1 .1" mass="8"/></body>'
     for law in (Moreau(0.5), Newton(0.5)):
         assert struck(law, box).post_velocity[2] == pytest.approx(1.0)
@@ -77,7 +77,7 @@ def test_what_rests_on_a_table_that_is_struck():
 
 @pytest.mark.parametrize("e", [0.0, 0.5])
 def test_what_only_surfaces_create_is_not_searched_for(e):
-    """A belt that turns round and a floor that jumps: gamma- = 0, so that no restitution can be scaled."""
+    """A belt reverses and a floor jumps: gamma- = 0, so that there is no restitution to scale."""
     belt = Friction([[1, 0]], [0], [0.3], surface_velocity=[0.0], post_surface_velocity=[-3.0])
     floor = {"surface_velocity": [0.0], "post_surface_velocity": [-1.0], "friction": belt}
     impact = Coulomb(Moreau(e)).resolve(Collision(np.eye(2), [[0, 1]], [2.0, 0.0], **floor))

@@ -21,7 +21,7 @@ def slider(name, x, mass, *, axes=("1 0 0",), size=0.1):
 
 
 def pushed(model, data):
-    """Step once with nothing that moves; the configuration is then the one that was pushed out."""
+    """Step once while all bodies are at rest; the configuration afterwards is the one that was pushed out."""
     stepper = Stepper(model, Moreau(0.5), overlap="push-out")
     stepper.step(data)
     assert stepper.events == ()

@@ -1,4 +1,4 @@
-"""Overlap at the start of rigid stepping is pushed out by the smallest shift in the kinetic metric; exact answers."""
+"""Overlap at the start of rigid stepping is removed by the smallest shift in the kinetic metric; exact answers."""
 
 import numpy as np
 import pytest
@@ -50,7 +50,7 @@ def test_a_box_in_a_corner_moves_out_of_all_three_faces_and_does_not_turn():
 
 
 def test_a_box_pressed_in_by_an_edge_lands_on_that_edge():
-    """A box about one horizontal axis: shift z and turn so that its lowest edge is at height 0, at least cost."""
+    """A box with one horizontal axis: shift z and angle put its lowest edge at height 0 at the least cost."""
     box = """<body pos="0 0 .26"><joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/>
              <geom type="box" size=".2 .3 .2" mass="1"/></body>"""
     model, data = build(FLOOR + box)
@@ -59,7 +59,7 @@ def test_a_box_pressed_in_by_an_edge_lands_on_that_edge():
     pushed(model, data)
     z, angle = data.qpos
 
-    def height(angle):  # of the lowest edge over the center's height
+    def height(angle):  # height of the lowest edge minus that of the centre
         return -0.2 * np.sqrt(2.0) * np.cos(np.pi / 4 - angle)
 
     def slope(angle):

@@ -1,4 +1,4 @@
-"""Overlap that is refused, that bodies which can move give way to, and that resets of environments start with."""
+"""Overlap that is refused, overlap that movable bodies resolve, and overlap after resets of environments."""
 
 import gymnasium
 import mujoco
@@ -19,7 +19,7 @@ FLOOR = '<geom name="floor" type="plane" size="5 5 .1"/>'
     ("world", "named"),
     [
         (FLOOR + STATIC_LID.format(z=0.28) + slider("ball", "0 0 .09", 1, axes=("0 0 1",)), "floor/ball by 0.01 m"),
-        (FLOOR + slider("ball", "0 0 .07", 1), "floor/ball by 0.03 m"),  # it cannot move that way
+        (FLOOR + slider("ball", "0 0 .07", 1), "floor/ball by 0.03 m"),  # it cannot move upwards
     ],
 )
 def test_squeezed_bodies_are_refused_and_left_as_they_were(world, named):
@@ -34,11 +34,11 @@ def test_squeezed_bodies_are_refused_and_left_as_they_were(world, named):
     stepper = Stepper(model, Moreau(1), overlap="push-out")
     for _ in range(10):
         stepper.step(data)
-    assert stepper.unlocated == 10  # time stepping opens what it can
+    assert stepper.unlocated == 10  # time stepping opens overlap as far as possible
 
 
 def test_a_lid_that_can_move_gives_way():
-    """The ball is squeezed by 1 cm into the floor and by 1 cm into the lid: it moves up 1 cm, and the lid 2 cm."""
+    """The ball overlaps the floor by 1 cm and the lid by 1 cm: it moves up by 1 cm, and the lid by 2 cm."""
     lid = """<body pos="0 0 .28"><joint type="slide" axis="0 0 1"/>
              <geom name="lid" type="box" size="1 1 .1" mass="7"/></body>"""
     model, data = build(FLOOR + slider("ball", "0 0 .09", 1, axes=("0 0 1",)) + lid)
@@ -107,7 +107,7 @@ def test_environments_of_others_run_on_rigid_contact_from_their_own_resets(name)
 
 @pytest.mark.parametrize(("shape", "least"), [("sphere", 0.0), ("box", 0.0), ("ellipsoid", -1e-12)])
 def test_a_heap_thrown_into_itself_is_pulled_apart(shape, least):
-    """Free bodies overlap each other and the floor by up to their own size; all gaps are open afterwards."""
+    """Free bodies overlap each other and the floor by up to their own size; afterwards all gaps are open."""
     rng = np.random.default_rng(5)
     bodies = ""
     for position, turn in zip(rng.uniform(-0.1, 0.1, (5, 3)), rng.uniform(-180, 180, (5, 3)), strict=True):
@@ -122,7 +122,7 @@ def test_a_heap_thrown_into_itself_is_pulled_apart(shape, least):
 
 @pytest.mark.parametrize("squeezed", [False, True])
 def test_a_gap_that_jumps_in_a_phase_is_opened_unless_bodies_are_squeezed(squeezed, monkeypatch):
-    """The phase is told to have ended 1e-7 m deeper than it did, as a contact point that jumps on a face ends it."""
+    """The phase is made to end 1e-7 m deeper, as if a contact point jumped on a face."""
     model, data = build(FLOOR + '<body pos="0 0 .1"><joint type="slide" axis="0 0 1"/><geom size=".1"/></body>')
     advance, jumped = SmoothPhases.advance_to_contact, []
 
@@ -149,7 +149,7 @@ def test_a_gap_that_jumps_in_a_phase_is_opened_unless_bodies_are_squeezed(squeez
 
 
 def test_joints_are_put_back_to_their_limits_where_no_smallest_shift_is_found(monkeypatch):
-    """As for a hand whose thumb starts beyond its limit, with fingers in the way of any smaller shift."""
+    """As for a hand whose thumb starts beyond its limit, with fingers that block any smaller shift."""
 
     def squeezed(*args):
         raise UnfinishedStepError("too much work")

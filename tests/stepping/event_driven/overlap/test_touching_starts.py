@@ -1,4 +1,4 @@
-"""Bodies that touch at the start, of shapes that count as touching a skin before they do (`scene.tolerances.SKIN`)."""
+"""Bodies that touch at the start, of shapes that count as touching a skin earlier (`scene.tolerances.SKIN`)."""
 
 import pytest
 from scenes import compiled, run
@@ -7,7 +7,7 @@ from impactlaw import Moreau, Stepper
 from impactlaw.errors import OverlapError
 
 BLOCK = "".join(f"{x} {y} {z} " for x in (-0.125, 0.125) for y in (-0.125, 0.125) for z in (-0.25, 0.25))
-ASSETS = f'<asset><mesh name="block" vertex="{BLOCK}"/></asset>'  # of numbers that single precision holds
+ASSETS = f'<asset><mesh name="block" vertex="{BLOCK}"/></asset>'  # numbers that are exact in single precision
 SHAPES = ('type="mesh" mesh="block"', 'type="cylinder" size=".125 .25"', 'type="ellipsoid" size=".125 .125 .25"')
 FLOOR = '<geom type="box" size="2 2 1" pos="0 0 -1"/>'
 
@@ -17,7 +17,7 @@ FLOOR = '<geom type="box" size="2 2 1" pos="0 0 -1"/>'
     ("gap", "tolerance"), [(0.0, 1e-9), (-5e-10, 1e-9), (0.0, 1e-10), (5e-7, 1e-10), (0.0, 1e-8), (1e-6, 1e-9)]
 )
 def test_what_touches_at_the_start_is_held(shape, gap, tolerance):
-    """It begins up to the skin nearer than where it is held, which is no overlap of contact that was not held."""
+    """The body starts up to the skin closer than it is held, which is not an overlap of a held contact."""
     body = f'<body pos="0 0 {0.25 + gap:.17g}"><freejoint/><geom {shape} mass="1"/></body>'
     model, data = compiled(FLOOR + body, ASSETS)
     stepper = Stepper(model, Moreau(0.5), gap_tolerance=tolerance, on_unsolved="raise")
@@ -26,7 +26,7 @@ def test_what_touches_at_the_start_is_held(shape, gap, tolerance):
 
 
 def rests(half, depth, field=False):
-    """A mesh of so much half height, a little below where it rests on a plane, or on a flat height field."""
+    """Return a mesh of a given half height, slightly below its place on a plane, or on a flat height field."""
     bar = "".join(f"{x} {y} {z} " for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-half, half))
     grid = '<hfield name="field" nrow="3" ncol="3" size="2 2 .3 .1" elevation="3 3 3 3 3 3 3 0 10"/>' if field else ""
     floor = '<geom type="hfield" hfield="field"/>' if field else '<geom type="plane" size="2 2 1"/>'
@@ -37,7 +37,7 @@ def rests(half, depth, field=False):
 
 @pytest.mark.parametrize(("half", "field"), [(0.1, False), (0.3, False), (1.1, False), (0.1, True)])
 def test_points_that_are_rounded_to_single_precision_do_not_overlap(half, field):
-    """MuJoCo keeps 0.1 as 0.1000000015: where the scene says that they touch, they are 1e-9 to 1e-7 m deep."""
+    """MuJoCo stores 0.1 as 0.1000000015: bodies that touch in the scene overlap by 1e-9 to 1e-7 m."""
     model, data = rests(half, 0.0, field)
     height = data.qpos[2]
     assert run(Stepper(model, Moreau(0.5), on_unsolved="raise"), data, 20) == []

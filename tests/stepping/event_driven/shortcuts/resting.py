@@ -1,4 +1,4 @@
-"""A box at rest, and the shortcut that a stepper takes with it."""
+"""A box at rest, and the shortcut that a stepper takes for it."""
 
 import mujoco
 import numpy as np
@@ -38,7 +38,7 @@ def settled(model, data, **options):
 
 
 def shortcut_of(stepper, data):
-    """Return the shortcut that a step has taken, and what takes it; a next step would try it once more."""
+    """Return the shortcut that a step has taken, and its argument; the next step would try it again."""
     with pytest.MonkeyPatch.context() as patch:
         seen = tried(patch)
         stepper.step(data)

@@ -1,4 +1,4 @@
-"""What event-driven steps know of the step before, seen from outside: which shortcuts they try; steps without any."""
+"""Observe which shortcuts event-driven steps try, and take steps without shortcuts."""
 
 from itertools import cycle
 from typing import NamedTuple
@@ -9,11 +9,11 @@ from impactlaw.scene.detection import Detector
 from impactlaw.stepping.event_driven.shortcuts import Apart, Rest, Shortcut, Together
 from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 
-_IRRELEVANT = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)  # to anything but numbers that are not finite
+_IRRELEVANT = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)  # matters only for numbers that are not finite
 
 
 class Tried(NamedTuple):
-    """A shortcut that a step has tried, and whether it has held."""
+    """A shortcut that a step has tried, and whether it held."""
 
     shortcut: Shortcut
     phases: SmoothPhases
@@ -42,7 +42,7 @@ def looks(monkeypatch) -> list[int]:
 
 
 def forgetful(stepper):
-    """Return a step that takes no shortcut and begins with a look, because a flag of the options has changed."""
+    """Return a step that takes no shortcut and detects contacts first, because a flag of the options has changed."""
     options, flags = stepper.model.opt, cycle((0, _IRRELEVANT))
 
     def step(data):

@@ -1,4 +1,4 @@
-"""Steps of bodies at rest that need no look at contacts, and that everything which ends a rest is noticed."""
+"""Steps of bodies at rest do not detect contacts, and any change that ends the rest is noticed."""
 
 import mujoco
 import numpy as np
@@ -23,7 +23,7 @@ def test_a_box_at_rest_is_looked_at_no_more(integrator, condim, slope, monkeypat
     start, seen = data.qpos.copy(), looks(monkeypatch)
     for _ in range(1000):
         stepper.step(data)
-    assert len(seen) <= 100  # where rounding adds up, it is looked at again
+    assert len(seen) <= 100  # contacts are detected again where rounding accumulates
     np.testing.assert_allclose(data.qpos, start, rtol=0, atol=2e-11)
     assert np.abs(data.qvel).max() < 1e-10
     assert data.time == pytest.approx(1005 * 0.005)
@@ -51,7 +51,7 @@ def test_a_force_that_the_contacts_take_up_leaves_the_box_at_rest(monkeypatch):
         np.testing.assert_allclose(data.qpos, start, rtol=0, atol=2e-11)
         seen = looks(monkeypatch)
         stepper.step(data)
-        assert not seen  # a rest again
+        assert not seen  # at rest again
         monkeypatch.undo()
 
 
@@ -146,7 +146,7 @@ def test_the_motion_is_the_same_as_without(pushes, integrator, condim):
 
 
 def test_a_rest_that_does_not_last_is_not_looked_for_again(monkeypatch):
-    """A damped joint integrates another force than the one that balances it."""
+    """The integration of a damped joint uses another force than the one that balances it."""
     model = mujoco.MjModel.from_xml_string(
         '<mujoco><option integrator="RK4" timestep="0.005"/><worldbody><geom type="plane" size="0 0 1"/>'
         '<body pos="0 0 0.1"><joint type="hinge" axis="0 1 0" damping="3"/>'

@@ -1,4 +1,4 @@
-"""Steps that need no look at contacts where surfaces can move: while these stand still, or nothing is near."""
+"""Steps without contact detection where surfaces can move: while they stand still, or no body is near."""
 
 import mujoco
 import numpy as np
@@ -21,7 +21,7 @@ def scene(thing=BOX, condim=3, integrator="RK4"):
 
 
 def pauses(i):
-    """Height of a table in step i: it stands, is struck, rises, is struck again, stops, sinks gently, and stands."""
+    """Return the height of a table in step i: it stands, jumps, rises, jumps again, stops, sinks gently, and stands."""
     if i < 20:
         return 0.0
     if i < 40:

@@ -1,4 +1,4 @@
-"""Steps of bodies that move together, or far from others, and what ends that."""
+"""Steps of bodies that move together, or far from others, and the events that end this."""
 
 import mujoco
 import numpy as np
@@ -14,7 +14,7 @@ from impactlaw.stepping.event_driven.shortcuts import Apart, Together
 
 
 def test_balls_that_swing_together_are_looked_at_no_more(monkeypatch):
-    """Until another one comes near."""
+    """Until another ball comes near."""
     model = cradle(5).compile()
     data = mujoco.MjData(model)
     data.qpos[0] = -0.4
@@ -25,7 +25,7 @@ def test_balls_that_swing_together_are_looked_at_no_more(monkeypatch):
     for _ in range(1000):
         stepper.step(data)
         collided += len(stepper.events)
-    assert collided == 1  # they swing on together
+    assert collided == 1  # they keep swinging together
     assert len(seen) < 100
     for _ in range(1000):
         step_without(reference)
@@ -64,7 +64,7 @@ def test_a_velocity_given_in_flight_counts():
         (4, 0.0, 0.0, True),
         (4, 1e-10, 0.0, True),
         (4, 1e-8, 0.0, False),  # open
-        (4, -1e-10, 0.0, False),  # overlaps by more than a correction
+        (4, -1e-10, 0.0, False),  # overlaps by more than can be corrected
         (4, 0.0, -1e-9, True),
         (4, 0.0, -1e-8, False),  # begins to overlap
         (4, 0.0, 1e-6, False),  # opens
@@ -98,7 +98,7 @@ def test_other_contacts_of_the_same_number_are_not_those_together():
 
 
 def test_a_body_is_met_by_one_that_turns_a_whole_turn_in_a_step(monkeypatch):
-    """Frames at the ends of a step are the same then."""
+    """The frames at the start and at the end of the step are equal then."""
     turn = 2 * np.pi / 0.005
     model = mujoco.MjModel.from_xml_string(
         """<mujoco><option timestep="0.005" gravity="0 0 0"/><worldbody>
@@ -117,7 +117,7 @@ def test_a_body_is_met_by_one_that_turns_a_whole_turn_in_a_step(monkeypatch):
 
 
 def test_a_position_given_in_flight_counts():
-    """Even where the step would lead away from the overlap."""
+    """Even if the step would lead out of the overlap."""
     model, data = scene()
     data.qpos[2] += 1.0
     stepper = settled(model, data)
