@@ -1,4 +1,4 @@
-"""A robot of four legs, held by servos."""
+"""A four-legged robot held by servos."""
 
 import mujoco
 import numpy as np

@@ -23,7 +23,7 @@ def ball_above_plane(integrator, timestep, height=1.0):
 
 
 def bounce(t, e):
-    """Height over the plane of a ball dropped from 1 m, and the times of its impacts so far."""
+    """Return the height of a ball dropped from 1 m above the plane, and the times of its impacts so far."""
     fall = math.sqrt(2 / G)
     if t < fall:
         return 1 - 0.5 * G * t * t
@@ -70,7 +70,7 @@ def test_euler_converges_with_order_one():
 
 
 def test_sliding_over_a_sphere_converges_with_the_order_of_rk4_and_contact():
-    """Contact held on a curved surface is second order: the gap stays closed, energy converges."""
+    """Contact held on a curved surface is of second order: the gap stays closed, and the energy converges."""
     errors = []
     for timestep in (2e-2, 1e-2, 5e-3):
         world = """<geom name="hill" size=".5" pos="0 0 -.6" condim="1"/>
@@ -230,7 +230,7 @@ def test_data_of_another_model_are_refused(contact_model):
 
 @pytest.mark.parametrize("options", [{}, {"scheme": "time-stepping"}, {"contact_model": "soft"}], ids=str)
 def test_data_of_another_model_are_refused_where_models_have_no_signature(options):
-    """Those out of a pickle or a binary file have none; data of a copy are still theirs."""
+    """Models from a pickle or a binary file have no signature; data of a copy of the model are accepted."""
     model, other = (pickle.loads(pickle.dumps(load(name)[0])) for name in ("billiard_rack", "bouncing_ball"))
     stepper = Stepper(model, Moreau(1), **options)
     with pytest.raises(SceneError, match="another model"):
@@ -239,7 +239,7 @@ def test_data_of_another_model_are_refused_where_models_have_no_signature(option
 
 
 def test_data_of_as_many_bodies_that_hang_otherwise_are_refused():
-    """Without signatures, too: three links in a chain have a larger mass matrix than three by themselves."""
+    """Also without signatures: three links in a chain have a larger mass matrix than three separate links."""
     link = '<body pos="0 0 .3"><joint axis="0 1 0"/><geom size=".05"/>'
     chain, apart = (
         pickle.loads(pickle.dumps(mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{x}</worldbody></mujoco>")))

@@ -1,4 +1,4 @@
-"""Collisions whose gap is open at both ends of a step: grazing balls, hard disks, rods that spin, a ceiling."""
+"""Collisions whose gap is open at both ends of a step: grazing balls, hard disks, spinning rods, a ceiling."""
 
 import mujoco
 import numpy as np
@@ -9,7 +9,7 @@ from impactlaw import Moreau, Stepper
 RADIUS = 0.05  # m
 ELASTIC = Moreau(1.0)
 PLANAR = '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 1 0"/>'
-CLOSE = 1e-3  # m: each of 30 collisions multiplies errors of 1e-9; one that is missed moves disks by centimetres
+CLOSE = 1e-3  # m; each of 30 collisions multiplies errors of 1e-9; a missed one moves disks by centimetres
 
 
 def compiled(world, timestep, integrator="RK4", gravity="0 0 0"):
@@ -26,7 +26,7 @@ def disk(x, y):
 @pytest.mark.parametrize(("speed", "timestep"), [(1.0, 0.002), (5.0, 0.005), (20.0, 0.005)])
 @pytest.mark.parametrize("overlap", [1e-2, 1e-3, 1e-4, 1e-6])
 def test_grazing_ball_is_deflected_by_the_exact_angle(speed, timestep, overlap, integrator):
-    """That of a fixed ball, ``2 asin(v_n / v)``, wherever steps begin."""
+    """The angle for a fixed ball is ``2 asin(v_n / v)``, wherever steps start."""
     offset = 2.0 * RADIUS - overlap
     along = np.sqrt(1.0 - (offset / (2.0 * RADIUS)) ** 2)  # v_n / v
     for part in np.linspace(0.0, 0.9, 7):
@@ -44,7 +44,7 @@ def test_grazing_ball_is_deflected_by_the_exact_angle(speed, timestep, overlap, 
 
 
 def next_wall(x, v, size):
-    """Return when a disk meets a wall next, s, and along which axis."""
+    """Return when a disk hits a wall next, s, and along which axis."""
     with np.errstate(divide="ignore", invalid="ignore"):
         times = np.where(v > 0, (size - RADIUS - x) / v, np.where(v < 0, (RADIUS - x) / v, np.inf))
     i, k = np.unravel_index(times.argmin(), times.shape)
@@ -52,7 +52,7 @@ def next_wall(x, v, size):
 
 
 def next_pair(x, v):
-    """Return when two disks meet next, s, and which."""
+    """Return when two disks hit each other next, s, and which."""
     i, j = np.triu_indices(len(x), 1)
     d, w = x[i] - x[j], v[i] - v[j]
     b, a, c = np.vecdot(d, w), np.vecdot(w, w), np.vecdot(d, d) - 4.0 * RADIUS**2
@@ -63,7 +63,7 @@ def next_pair(x, v):
 
 
 def exact_disks(x, v, duration, size):
-    """Return where elastic disks of equal masses in a square are after a time, s, and how often two have met."""
+    """Return the positions of equal elastic disks in a square after a time, s, and the number of pair collisions."""
     x, v, left, count = x.copy(), v.copy(), duration, 0
     while True:
         (wall, (i, k)), (pair, (a, b)) = next_wall(x, v, size), next_pair(x, v)
@@ -84,7 +84,7 @@ def exact_disks(x, v, duration, size):
 
 @pytest.mark.parametrize("seed", [6, 7, 16, 19, 20, 22])
 def test_hard_disks_move_as_they_do_exactly(seed):
-    """Eight of them in a square, at steps in which they move by up to their size."""
+    """Eight disks in a square, with steps in which they move by up to their size."""
     rng, size, duration, timestep = np.random.default_rng(seed), 1.0, 0.25, 0.01
     grid = np.array([(0.2 + 0.3 * i, 0.2 + 0.3 * j) for i in range(3) for j in range(3)])[:8]
     x, v = grid + rng.uniform(-0.09, 0.09, grid.shape), 6.0 * rng.normal(size=grid.shape)
@@ -111,7 +111,7 @@ def test_hard_disks_move_as_they_do_exactly(seed):
     ("speed", "timestep"), [(150.0, 0.01), (100.0 * np.pi, 0.002), (100.0 * np.pi, 0.01), (600.0, 0.01)]
 )
 def test_spinning_rod_strikes_the_floor_every_time(floor, speed, timestep):
-    """A tip touches at an angle a, the other one at a - pi: the rod turns to and fro by 2 a."""
+    """A tip touches at an angle a, the other one at a - pi: the rod turns back and forth by 2 a."""
     shape = {"plane": 'type="plane" size="9 9 1"', "box": 'type="box" size="9 9 .5" pos="0 0 -.5"'}[floor]
     rod = '<geom type="capsule" size=".01" fromto="-.5 0 0 .5 0 0" mass="1"/>'
     world = f'<geom {shape}/><body pos="0 0 .45"><joint type="hinge" axis="0 1 0"/>{rod}</body>'
@@ -127,9 +127,9 @@ def test_spinning_rod_strikes_the_floor_every_time(floor, speed, timestep):
 
 
 def test_ball_thrown_at_a_ceiling_that_it_would_reach_in_the_middle_of_a_step():
-    """It would rise 1e-5 m above it, ``g h^2 / 8 = 1.2e-4 m`` at most, and turn back by itself."""
+    """It would rise 1e-5 m beyond the ceiling, ``g h^2 / 8 = 1.2e-4 m`` at most, and return by itself."""
     g, timestep, above = 9.81, 0.01, 1e-5
-    rise = 0.5 * timestep + 3.0 * timestep  # s, the apex
+    rise = 0.5 * timestep + 3.0 * timestep  # s, time of the apex
     height = 0.5 * g * rise**2
     ceiling = f'<geom type="plane" size="9 9 1" pos="0 0 {height - above + 0.1}" zaxis="0 0 -1"/>'
     ball = '<body><joint type="slide" axis="0 0 1"/><geom size=".1" mass="1"/></body>'

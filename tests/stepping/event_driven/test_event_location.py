@@ -1,4 +1,4 @@
-"""When gaps close: cubics through what phases have shown, and how many phases that takes."""
+"""The times at which gaps close: cubics through the observations of phases, and the number of phases needed."""
 
 import math
 from types import SimpleNamespace
@@ -28,7 +28,7 @@ class Tried:
 
 
 def located(gaps, slopes, duration, tolerance=1e-9, *, exact=True):
-    """Return the phase up to the first gap that closes, and the durations of all phases that were flown."""
+    """Return the phase up to the first gap that closes, and the durations of all phases tried."""
     gap_functions = GapFunctions(np.array([g(0.0) for g in gaps]), np.array([s(0.0) for s in slopes]), exact=exact)
     tried = []
 
@@ -110,7 +110,7 @@ def test_gap_too_far_to_be_seen_at_the_start_is_found_from_where_it_was_seen():
     def advance_to_contact(time):
         tried.append(time)
         seen = gap(time) <= near
-        # whatever it was that moved at the start
+        # whatever body moved at the start
         observations = [Observation(-6, gap(time), slope(time), 0.1)] if seen else []
         return SimpleNamespace(duration=time, gap=gap(time) if seen else near, observations=observations)
 
@@ -123,7 +123,7 @@ def test_gap_too_far_to_be_seen_at_the_start_is_found_from_where_it_was_seen():
 
 
 def link(name, damping, limits, tip, more=""):
-    """A rod along x that turns about y, and what hangs on its tip."""
+    """Return a rod along x that turns about y, with something at its tip."""
     joint = f'<joint name="{name}" axis="0 1 0" damping="{damping}" range="{limits}"/>'
     return f'{joint}<geom type="capsule" size=".03" fromto="0 0 0 {tip} 0 0"/>{more}'
 
@@ -135,7 +135,7 @@ ARM = f'<body pos="0 0 2">{link("shoulder", 0.2, "-30 20", 0.4, f"""<body pos=".
 
 @pytest.fixture
 def phases(monkeypatch):
-    """The duration of every phase, in order."""
+    """Return a list that gets the duration of every phase, in order."""
     durations, advance = [], SmoothPhases.advance
 
     def counted(self, duration, force=None):
@@ -159,7 +159,7 @@ def test_limits_that_bounce_take_few_flows(phases, integrator):
 
 
 def test_flow_that_is_only_tried_is_not_given_its_last_velocity(monkeypatch):
-    """A ball slides under an arm whose limits bounce: one impulse is enough to tell when."""
+    """A ball slides below an arm whose limits bounce: for a trial phase, one solve of the friction is enough."""
     solves, hold, solve = [], smooth_phase.hold, frictional.solve_cone_rows
 
     def held(*args):

@@ -73,7 +73,7 @@ def test_a_spinning_rod_hits_the_floor():
 @pytest.mark.parametrize("integrator", ["RK4", "implicitfast"])
 @pytest.mark.parametrize("common", [(100.0, 20.0, -30.0), (1e4, 2e4, 0.0)])
 def test_bodies_that_fly_side_by_side_collide_as_at_rest(integrator, common):
-    """Their common velocity changes nothing, although it takes them farther in a step than they are thick."""
+    """Their common velocity has no effect, although it moves them farther in a step than they are thick."""
     world = """<body name="box" quat=".9 .2 .3 .1"><freejoint/><geom type="box" size=".1 .15 .2" mass="1"/></body>
         <body name="ball" pos=".6 .05 .05"><freejoint/><geom size=".12" mass=".5"/></body>
         <body name="rod" pos="-.55 .1 0" quat=".7 .1 .7 0"><freejoint/>

@@ -1,4 +1,4 @@
-"""Where rigid stepping is hard: broken states, changes between steps, edges, stiff actuators."""
+"""Hard cases of rigid stepping: invalid states, changes between steps, edges, stiff actuators."""
 
 import math
 from functools import partial
@@ -26,7 +26,7 @@ def ball(name="ball", pos="0 0 1", size="0.1", condim=1):
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_a_broken_state_is_an_error_and_no_silent_reset(value, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # MuJoCo writes its warning to a file in the current folder
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes its warning to a file there
     model, data = compiled(FLOOR + ball())
     data.time = 1.0
     data.qvel[0] = value
@@ -42,7 +42,7 @@ def test_a_broken_state_is_an_error_and_no_silent_reset(value, tmp_path, monkeyp
     [("body_mass", {}), ("body_mass", {"on_unsolved": "raise"}), ("geom_size", {"on_unsolved": "raise"})],
 )
 def test_a_model_that_is_not_finite_any_more_is_an_error(field, options, tmp_path, monkeypatch):
-    """What overlaps is to be pushed out, for which inertia and gaps are needed."""
+    """Overlap should be pushed out, which needs inertia and gaps."""
     monkeypatch.chdir(tmp_path)
     model, data = compiled(FLOOR + ball(pos="0 0 .09") + ball("other", pos="0 0 .26"))
     stepper = Stepper(model, Moreau(0.5), overlap="push-out", **options)
@@ -129,7 +129,7 @@ def test_the_pairs_the_stepper_expects_are_those_mujoco_reports():
 
 @pytest.mark.parametrize(("size", "per_fall"), [(1.0, 7), (1.0, 10), (1000.0, 12)])
 def test_a_box_that_rolls_over_its_edges_gains_no_energy_at_large_timesteps(size, per_fall):
-    """Held corners are pushed out further than contacts are looked for, and others come near meanwhile."""
+    """Held corners are pushed out farther than contacts are detected, and other corners come near meanwhile."""
     timestep = math.sqrt(2 * size / 9.81) / per_fall
     box = f"""<body pos="0 0 {3 * size}" euler="20 30 40"><freejoint/>
         <geom type="box" size="{size} {size} {size}" mass="1" condim="1"/></body>"""
@@ -147,7 +147,7 @@ def test_a_box_that_rolls_over_its_edges_gains_no_energy_at_large_timesteps(size
 
 
 def test_a_stack_of_boxes_1000_times_as_heavy_as_those_between_them_stays():
-    """Nothing but rounding moves it: in contacts without friction the least tilt becomes five times as large a step."""
+    """Only rounding moves it: without friction, the smallest tilt grows fivefold in each step."""
     boxes = "".join(
         f'<body pos="0 0 {0.125 + 0.25 * i}"><freejoint/>'
         f'<geom type="box" size=".125 .125 .125" mass="{1000 ** (i % 2)}" condim="1"/></body>'
@@ -162,7 +162,7 @@ def test_a_stack_of_boxes_1000_times_as_heavy_as_those_between_them_stays():
 
 @pytest.mark.parametrize("timestep", [1e-3, 1e-2])
 def test_a_stiff_actuator_leaves_no_step_in_penetration(timestep):
-    """A rebound that is rest over short flows only: the block must not be left inside the wall."""
+    """A rebound that is rest only for short phases must not leave the block inside the wall."""
     world = """<geom name="wall" type="box" size=".1 1 1" pos="1 0 0" condim="1"/>
         <body><joint name="x" type="slide" axis="1 0 0"/>
         <geom name="block" type="box" size=".1 .1 .1" condim="1" mass="1"/></body>"""

@@ -1,4 +1,4 @@
-"""Held contact where the mass matrix depends on the configuration: energy, order, and forces that change at once."""
+"""Held contact with a mass matrix that depends on the configuration: energy, order, and sudden changes of force."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def energy(model: mujoco.MjModel, data: mujoco.MjData) -> float:
 
 
 def run(model: mujoco.MjModel, velocity: list[float], seconds: float, friction: str) -> tuple[np.ndarray, float]:
-    """Return the state at the end, and the energy gained, J."""
+    """Return the final state, and the energy gained, J."""
     data = mujoco.MjData(model)
     data.qvel[:] = velocity
     before = energy(model, data)
@@ -81,8 +81,8 @@ def test_held_contact_is_of_second_order(bodies, velocity, friction):
 
 
 def test_a_disk_that_spins_on_a_rim_without_friction_keeps_its_energy():
-    # each step in which its contact runs along the rim faster than the disk moves would lose some: 0.01 J without
-    # the force of the step before
+    # a step in which its contact moves along the rim faster than the disk would lose some energy: 0.01 J in all without
+    # the force of the previous step
     _, change = run(scene(RIM, 1e-3), [0, 0, 0, 0, 0, 20], 0.2, "ignore")
     assert abs(change) < 2e-4
 
@@ -90,7 +90,7 @@ def test_a_disk_that_spins_on_a_rim_without_friction_keeps_its_energy():
 @pytest.mark.parametrize("integrator", ["RK4", "Euler"])
 @pytest.mark.parametrize("friction", ["coulomb", "ignore"])
 def test_a_force_that_ends_leaves_nothing_behind(integrator, friction):
-    # pressed down with 1 kN, it would be thrown up by what the step before had to hold
+    # pressed down with 1 kN; the contact force of the previous step would throw it up
     model = scene(PLANE + '<body pos="0 0 .1"><freejoint/><geom size=".1" mass="1"/></body>', 1e-2, integrator)
     data, stepper = mujoco.MjData(model), Stepper(model, MaximalDissipation(), friction=friction)  # pyright: ignore[reportArgumentType]
     for push in [-1e3] * 3 + [0.0] * 3 + [-1e3, 12.0, 12.0]:
@@ -116,7 +116,7 @@ KNOB = """<body pos="0 0 1"><joint name="knob" axis="0 1 0" damping="2" armature
 )
 @pytest.mark.parametrize("joints", [("knob", "lid"), ("lid", "knob")])
 def test_a_joint_equality_beside_a_limit_that_is_held_stays_there(integrator, timestep, speed, play, joints, start):
-    """Within the play that the soft equality leaves it; if contact passed its error on, it would diverge at once."""
+    """The soft equality leaves some play; if the held contact passed its error on, the joints would diverge at once."""
     equality = '<equality><joint joint1="{}" joint2="{}" polycoef="0 10 0 0 0"/></equality>'.format(*joints)
     option = f'<option timestep="{timestep}" integrator="{integrator}"/>'
     model = mujoco.MjModel.from_xml_string(f"<mujoco>{option}<worldbody>{KNOB}</worldbody>{equality}</mujoco>")
@@ -136,7 +136,7 @@ WRIST = """<body pos="0 0 .1"><joint type="slide" axis="0 0 1"/><joint type="sli
 @pytest.mark.parametrize("friction", ["coulomb", "ignore"])
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast"])
 def test_a_joint_with_more_damping_than_inertia_gives_way_as_fast_as_its_damping_lets_it(integrator, friction):
-    """A mass sinks onto the floor over a light wrist of which ``h D`` is 15 times its inertia."""
+    """A mass sinks onto the floor over a light wrist whose ``h D`` is 15 times its inertia."""
     bodies = f'<geom type="plane" size="3 3 .1" friction=".1"/>{WRIST.format(NOT=NOT)}'
     exact, _ = run(scene(bodies, 1e-4), [0.0] * 3, 0.1, friction)
     model = scene(bodies, 2.5e-3, integrator)
@@ -147,7 +147,7 @@ def test_a_joint_with_more_damping_than_inertia_gives_way_as_fast_as_its_damping
 
 @pytest.mark.parametrize("inertia", [1e-4, 1e-6])
 def test_a_point_mass_on_a_light_leg_turns_about_its_foot(inertia):
-    """As a pendulum upside down does: w^2 / 2 + g cos(angle) / l stays, and the foot stays on the ground."""
+    """It moves as an inverted pendulum: w^2 / 2 + g cos(angle) / l is constant, and the foot stays on the ground."""
     model = scene(
         f"""<geom type="plane" size="9 9 1" friction="5"/><body pos="0 0 1"><joint type="slide" axis="1 0 0"/>
         <joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/>
@@ -168,7 +168,7 @@ def test_a_point_mass_on_a_light_leg_turns_about_its_foot(inertia):
 
 @pytest.mark.parametrize(("mass", "timestep"), [(1e-3, 0.01), (1e-3, 0.005), (1e-6, 0.01)])
 def test_a_light_foot_stays_where_it_sticks_while_its_leg_turns_over_it(mass, timestep):
-    """A foot of 10 um rolls by 6 um; near the upright, a gap of it is closed soonest by sliding far aside."""
+    """A foot of 10 um rolls by 6 um; near the upright position, its gap closes with least cost by sliding far aside."""
     model = scene(
         f"""<geom type="plane" size="9 9 1" friction="1"/><body pos="0 0 1.00001"><joint type="slide" axis="1 0 0"/>
         <joint type="slide" axis="0 0 1"/><geom {NOT} size=".05" mass="1"/>

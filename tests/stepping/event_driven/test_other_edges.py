@@ -1,4 +1,4 @@
-"""Bodies that turn about one edge until another one hits: MuJoCo may show one point of their face at a time."""
+"""Bodies that turn about one edge until another one hits: MuJoCo may report one point of their face at a time."""
 
 import numpy as np
 import pytest
@@ -11,11 +11,11 @@ ASSETS = f'<asset><mesh name="bar" vertex="{BAR}"/></asset>'
 SHAPES = {"cylinder": 'type="cylinder" size=".05 .1"', "mesh": 'type="mesh" mesh="bar"'}
 FLOORS = {"plane": '<geom type="plane" size="5 5 1"/>', "box": '<geom type="box" size="2 2 1" pos="0 0 -1"/>'}
 TIMESTEP = 2e-3  # s
-SPEED = 1.0  # m/s: of the upper edge, 0.2 m away
+SPEED = 1.0  # m/s; of the upper edge, 0.2 m away
 
 
 def slap(shape, floor, part):
-    """Velocity after the step in which the upper edge hits, after a part of it; and its number of collisions."""
+    """Return the velocity after the step in whose given part the upper edge hits, and its number of collisions."""
     body = f"""<body><joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/>
         <geom {SHAPES[shape]} euler="0 90 0" mass="1"/></body>"""
     option = f'gravity="0 0 0" integrator="RK4" timestep="{TIMESTEP}"'
@@ -30,8 +30,8 @@ def slap(shape, floor, part):
 @pytest.mark.parametrize("part", [0.05, 0.15, 0.2, 0.225, 0.25, 0.3, 0.35, 0.4, 0.425, 0.5, 0.6])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_an_edge_hits_while_another_one_is_held(shape, part):
-    """Between 0.23 and 0.41 of a step it was taken for the edge that is held, and what it had fallen was taken back."""
+    """Regression: between 0.23 and 0.41 of a step it was taken for the held edge, and its fall was undone."""
     on_box, on_plane = slap(shape, "box", part), slap(shape, "plane", part)
     np.testing.assert_allclose(on_box[0], on_plane[0], atol=1e-3)
-    assert on_box[0][1] > -2.0  # rad/s, of 5 before
+    assert on_box[0][1] > -2.0  # rad/s; it was -5 before
     assert on_box[1] == on_plane[1] == 2

@@ -1,4 +1,4 @@
-"""Scenes that event-driven stepping would simulate wrongly are refused, and told where to go."""
+"""Scenes that event-driven stepping would simulate wrongly are refused, with an alternative."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ SENSORS = (
 
 
 def test_sensors_of_contact_are_told():
-    """Their forces are not in data after event-driven steps; accelerations are."""
+    """Contact forces are not in data after event-driven steps; accelerations are."""
     joint = '<joint name="j" axis="0 0 1" range="-2 2" limited="{}"/>'
     leg = f'<body pos="0 0 1">{joint}<geom size=".1"/><site name="s"/></body>'
     model, _ = compiled(leg.format("true"), SENSORS.format('<jointlimitfrc name="limit" joint="j"/>'))
@@ -53,11 +53,11 @@ def test_sensors_of_contact_are_told():
     assert told[0].filename == __file__
     Stepper(model, Moreau(0.5), scheme="time-stepping")
     Stepper(model, Moreau(0.5), contact_model="soft")
-    Stepper(compiled(leg.format("false"), SENSORS.format(""))[0], Moreau(0.5))  # nothing to meet
+    Stepper(compiled(leg.format("false"), SENSORS.format(""))[0], Moreau(0.5))  # no possible contact
 
 
 def test_touch_grids_are_told():
-    """A plugin may read contacts: MuJoCo's touch grid does."""
+    """A plugin may read contacts, as MuJoCo's touch grid does."""
     plugin = '<extension><plugin plugin="mujoco.sensor.touch_grid"/></extension>'
     grid = """<sensor><plugin name="grid" plugin="mujoco.sensor.touch_grid" objtype="site" objname="s">
         <config key="size" value="2 2"/><config key="fov" value="45 45"/><config key="gamma" value="0"/>

@@ -1,4 +1,4 @@
-"""What event-driven stepping leaves undone is time stepped: no exception, bounded work, and it says so."""
+"""What event-driven steps leave undone is time stepped: no exceptions, bounded work, and counted."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def compiled(bodies: str, option: str = 'timestep="0.002"') -> tuple[mujoco.MjMo
 
 
 def billiard(ratio: float) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """Galperin's: a heavy ball drives a light one against a wall, which it meets pi times sqrt(ratio)."""
+    """Galperin's billiard: a heavy ball drives a light one against a wall, which it hits pi times sqrt(ratio)."""
     balls = f"""<geom type="plane" size="5 5 .1" zaxis="1 0 0"/>
       <body pos=".2 0 0"><joint type="slide" axis="1 0 0"/><geom size=".1" mass="1"/></body>
       <body pos=".5 0 0"><joint type="slide" axis="1 0 0"/><geom size=".1" mass="{ratio}"/></body>"""
@@ -111,7 +111,7 @@ def test_many_collisions_are_located_where_that_is_asked_for():
 @pytest.mark.parametrize("timestep", [0.01, 0.003, 0.001])
 @pytest.mark.parametrize("ratio", [1e4, 1e6])
 def test_a_ball_between_a_wall_and_a_ball_passes_through_neither(ratio: float, timestep: float):
-    """Collisions make it fast, and half of a step leads it farther than it is large."""
+    """Collisions make the ball so fast that half a step moves it farther than its size."""
     model, data = billiard(ratio)
     model.opt.timestep = timestep
     data.qpos[:] = 0.8, 1.5
@@ -161,7 +161,7 @@ def test_a_table_goes_on_rising_in_what_remains_of_a_step(monkeypatch):
 
 @pytest.mark.filterwarnings("ignore::impactlaw.errors.ManyCollisionsWarning")
 def test_work_is_counted_and_bounded(monkeypatch):
-    """Boxes that fall on each other rattle; whatever the machine, every run is the same."""
+    """Boxes that fall on each other rattle; every run is the same on every machine."""
     spent, begin = [], Work.begin
     monkeypatch.setattr(Work, "begin", lambda self, *part: (spent.append(self._spent), begin(self, *part)))
     bodies = FLOOR + "".join(
@@ -188,7 +188,7 @@ def test_options_mean_something_to_event_driven_steps_only():
 
 
 def without_room(monkeypatch):
-    """Let MuJoCo have no room for rows when it is asked for the first time."""
+    """Make MuJoCo run out of memory for constraint rows at the first call."""
     make, calls = mujoco.mj_makeConstraint, []
 
     def fail(model, data):
@@ -249,7 +249,7 @@ def test_a_quadruped_that_has_come_to_rest_is_event_driven_again():
     data.qpos[2] += 0.05
     stepper = Stepper(model, Moreau(0.0), scheme="event-driven", overlap="push-out")
     unlocated = []
-    for _ in range(550):  # it rests from step 236 to 401 on, for drops that differ by 1 mm
+    for _ in range(550):  # at rest from step 236 to 401 on, for drops that differ by 1 mm
         stepper.step(data)
         unlocated.append(stepper.unlocated)
     assert unlocated[300] > 0  # some steps are time stepped

@@ -1,4 +1,4 @@
-"""Laws, restitution and options of a scene in rigid stepping: what they do, and what is refused."""
+"""Laws, restitution and options of a scene in rigid stepping: their effects, and what is refused."""
 
 from functools import partial
 

@@ -1,4 +1,4 @@
-"""A step that raises is taken back, moving mocap bodies with it."""
+"""A step that raises is undone, with the motion of its mocap bodies."""
 
 import mujoco
 import pytest

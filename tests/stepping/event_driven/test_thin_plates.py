@@ -1,4 +1,4 @@
-"""Plates whose two faces lie next to each other: what closes their contacts does not carry them away."""
+"""Thin plates, whose two faces are close to each other: closing their contacts must not carry them away."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The work of a step is counted where it is done: looks, searches for restitution with friction, and hard problems."""
+"""The work of a step is counted where it is done: detection, searches for restitution, and hard problems."""
 
 import itertools
 
@@ -13,13 +13,13 @@ from impactlaw.solvers.friction.solve import BRIEF, STEPS_OF_A_ROUND, solve_cone
 from impactlaw.solvers.problem import Status
 from impactlaw.stepping.work import Work
 
-ROD = Collision(  # oblique: with all its restitution it would gain energy
+ROD = Collision(  # oblique: it would gain energy with all of its restitution
     [[1, 0, 0], [0, 1, 0], [0, 0, 1 / 3]], [[0, 1, -0.6]], [1, -1, 0], friction=Friction([[1, 0, 0.8]], [0], [0.7])
 )
 
 
 class Counted:
-    """Counts attempts, and ends the matter after so many."""
+    """Counts attempts, and ends the step after a given number of them."""
 
     hasty = False
 
@@ -38,14 +38,14 @@ class Counted:
             raise UnfinishedStepError("enough")
 
     def begin_part(self) -> None:
-        """All parts share what there is."""
+        """Keep the count, because all parts share the budget."""
 
 
 def test_every_attempt_of_a_search_for_restitution_is_counted():
     law, effort = Coulomb(Newton(1.0)), Counted()
     impact = law.resolve(ROD, effort=effort)
     assert impact.restitution_scale == pytest.approx(law.resolve(ROD).restitution_scale, rel=1e-9)
-    assert effort.count == 3  # with all of it, with none, and with what the energy of both tells
+    assert effort.count == 3  # full restitution, none, and the share that the energies of both determine
     with pytest.raises(UnfinishedStepError):
         law.resolve(ROD, effort=Counted(2))
 
@@ -58,7 +58,7 @@ def test_a_step_gives_up_a_collision_that_takes_too_much():
 
 
 def test_a_problem_without_a_solution_ends_soon():
-    """Two contacts with torsion and rolling that are asked to separate from each other in opposite directions."""
+    """Two contacts with torsion and rolling that must separate from each other in opposite directions."""
     A = np.random.default_rng(0).normal(size=(12, 8))
     A[6] = -A[0]
     b = np.zeros(12)
@@ -100,7 +100,7 @@ LOCKED = """<mujoco><option timestep=".002" gravity="0 0 0"/><worldbody>
 
 
 def test_what_damping_locks_is_not_moved_by_contact_that_is_held():
-    """In the mass matrix alone the finger's limit would drive the base with 0.018 m/s."""
+    """With the mass matrix alone, the finger's limit would move the base at 0.018 m/s."""
     model = mujoco.MjModel.from_xml_string(LOCKED)
     data, stepper = mujoco.MjData(model), Stepper(model, MaximalDissipation())
     data.ctrl[0] = -10.0

@@ -1,4 +1,4 @@
-"""No collision creates energy: every scene of the package, and a robot with friction and joint limits."""
+"""No collision creates energy, in every scene of the package and for a robot with friction and joint limits."""
 
 import gymnasium
 import mujoco

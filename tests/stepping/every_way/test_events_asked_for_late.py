@@ -1,4 +1,4 @@
-"""Compiled steps tell their collisions by taking the step once more: of the same model, or not at all."""
+"""Compiled steps find their events by repeating the step: with the same model, or not at all."""
 
 import mujoco
 import pytest

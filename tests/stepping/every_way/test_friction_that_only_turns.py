@@ -1,4 +1,4 @@
-"""Contacts whose friction is of spinning or rolling alone: no pair of the scene slides with friction."""
+"""Contacts with torsional or rolling friction only: no pair of the scene has sliding friction."""
 
 import mujoco
 import numpy as np
@@ -25,7 +25,7 @@ def test_a_ball_comes_to_rest(way, condim, friction, spin):
 
 @pytest.mark.parametrize(("condim", "friction"), [(4, "0 .1 0"), (6, "0 0 .1"), (6, ".5 .1 .1")])
 def test_overlaps_open(condim, friction):
-    """A ball far from the axis in which its body turns easily: it spins fast where it opens."""
+    """A ball far from the axis about which its body turns easily: it spins fast while its overlap opens."""
     geom = f'condim="{condim}" friction="{friction}"'
     model, data = compiled(
         f"""<geom type="plane" size="1 1 .1" {geom}/><body pos="0 0 .009"><freejoint/>

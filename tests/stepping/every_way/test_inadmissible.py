@@ -1,4 +1,4 @@
-"""What is counted as an outcome outside of S(v-): not each collision of a law with a rule of its own."""
+"""Which outcomes are counted as outside S(v-): not every collision of a law with its own rule."""
 
 import mujoco
 import pytest

@@ -1,4 +1,4 @@
-"""Exact outcomes of textbooks and papers, under every way to step."""
+"""Exact outcomes from textbooks and papers, in every way to step."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def test_balls_and_a_wall_count_digits_of_pi(way, ratio, collisions):
 
 @pytest.mark.parametrize(("way", "tolerance"), [("event-driven", 1e-4), ("time-stepping", 1e-4), ("soft", 2e-3)])
 def test_a_ladder_leaves_the_wall_at_two_thirds_of_its_height(way, tolerance):
-    """A rod of 1 m slides down without friction from 70 degrees; the speed that it has there stays, m/s."""
+    """A rod of 1 m slides down without friction from 70 degrees; its horizontal speed there is kept, m/s."""
     start, r = np.radians(70.0), 1e-3
     x, z = 0.5 * np.cos(start), 0.5 * np.sin(start)
     joints = "".join(f'<joint type="{kind}" axis="{axis}"/>' for kind, axis in JOINTS)
@@ -63,7 +63,7 @@ def test_a_ball_on_a_turntable_circles_with_two_sevenths_of_its_speed(way, table
     ball = f'<body pos=".5 0 {radius}"><freejoint/><geom size="{radius}" mass="1"/></body>'
     option = 'timestep="0.002" integrator="RK4" cone="elliptic" impratio="50"'
     model, data = compiled(disk + ball, option=option, geom='friction="0.9"')
-    v = np.array([0.1, 0.2])  # of the ball; its lowest point goes along with the table
+    v = np.array([0.1, 0.2])  # of the ball, whose lowest point moves with the table
     data.qvel[-6:] = [*v, 0, (speed * 0.5 - v[1]) / radius, v[0] / radius, 0]
     if not run:
         data.qvel[0] = speed
@@ -78,7 +78,7 @@ def test_a_ball_on_a_turntable_circles_with_two_sevenths_of_its_speed(way, table
 
 
 def rope(beads, mu, pull):
-    """Return a scene: 1 kg and ``pull`` kg on a light rope over a drum, which turns at each of so many beads."""
+    """Return a scene: 1 kg and ``pull`` kg on a light rope of beads over a drum."""
     r, turn = 0.5, np.pi / beads
     place = [(-r * np.cos(turn * k), r * np.sin(turn * k)) for k in range(beads + 1)]
     place = [(-r, -0.5), *place, (r, -0.5)]
@@ -97,7 +97,7 @@ def rope(beads, mu, pull):
 
 @pytest.mark.parametrize(("way", "options"), [("event-driven", {"overlap": "push-out"}), ("time-stepping", {})])
 def test_a_rope_around_a_drum_holds_what_eytelwein_says(way, options):
-    """exp(mu pi) times as much for a rope, and for one with n corners of ``a = pi / n`` each, what is below."""
+    """A smooth rope holds exp(mu pi) times as much; one with n corners of ``a = pi / n`` each holds the value below."""
     beads, mu = 6, 0.3
     tangent = mu * np.tan(np.pi / beads / 2)
     holds = ((1 + tangent) / (1 - tangent)) ** beads
@@ -115,7 +115,7 @@ def test_a_rope_around_a_drum_holds_what_eytelwein_says(way, options):
 @pytest.mark.parametrize("way", RIGID)
 @pytest.mark.parametrize("mu", [9.0, 0.3])
 def test_a_superball_comes_back_from_under_a_table(way, mu):
-    """R. L. Garwin, Kinematics of an ultraelastic rough ball, 1969: three bounces, on floor, table and floor."""
+    """R. L. Garwin, Kinematics of an ultraelastic rough ball, 1969: bounces on floor, table and floor."""
     r, speed, spin = 0.03, np.array([2.0, -3.0]), 5.0
     planes = '<geom type="plane" size="9 9 1"/><geom type="plane" size="9 9 1" pos="0 0 .5" zaxis="0 0 -1"/>'
     ball = f'<body pos="0 0 .1"><freejoint/><geom size="{r}" mass="1"/></body>'

@@ -1,4 +1,4 @@
-"""The same scene written in other words moves in the same way."""
+"""Equivalent descriptions of a scene move in the same way."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ FLOORS = {"of the world": PLANE, "a fixed body": f"<body>{PLANE}</body>", "mocap
 
 
 def motion(way: str, law: Moreau | Newton | Poisson, inside: str, floor: str, seed: int) -> np.ndarray:
-    """Velocities of 0.25 s in which three bodies are thrown onto a floor with friction."""
+    """Return the velocities over 0.25 s in which three bodies are thrown onto a floor with friction."""
     bodies = "".join(
         f'<body pos="{0.35 * i} 0 {0.25 + 0.1 * i}">{INSIDE[inside].format(geom=geom)}</body>'
         for i, geom in enumerate(GEOMS)
@@ -58,8 +58,8 @@ def motion(way: str, law: Moreau | Newton | Poisson, inside: str, floor: str, se
     [(inside, "of the world") for inside in list(INSIDE)[1:]] + [("one body", floor) for floor in list(FLOORS)[1:]],
 )
 def test_the_same_bodies_and_the_same_floor(way, law, inside, floor):
-    """A child that no joint lets move is a part of its body, and a mocap body at rest is a part of the world."""
+    """A child without a joint is a part of its body, and a mocap body at rest is a part of the world."""
     for seed in (0, 1):
         plain = motion(way, law, "one body", "of the world", seed)
-        assert (np.abs(np.diff(plain, axis=0)) > 0.1).any()  # something collides
+        assert (np.abs(np.diff(plain, axis=0)) > 0.1).any()  # some bodies collide
         np.testing.assert_allclose(motion(way, law, inside, floor, seed), plain, atol=1e-8)

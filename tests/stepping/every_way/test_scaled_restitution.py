@@ -1,4 +1,4 @@
-"""Restitution that is scaled so that a collision creates no energy is counted, whatever takes the steps."""
+"""Restitution that is scaled so that a collision creates no energy is counted in every way to step."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ROD = """<geom name="floor" type="plane" size="5 5 1" friction=".7"/>
 
 
 def rod():
-    """Kane's oblique rod as its lower end hits the floor and slides: full restitution would create energy."""
+    """Return Kane's oblique rod as its lower end hits the floor and slides: full restitution would create energy."""
     model, data = compiled(ROD, option='gravity="0 0 0" timestep="1e-3"')
     data.qpos[1], data.qvel[:2] = -0.1895, (-1.0, -1.0)
     return model, data
@@ -93,7 +93,7 @@ def test_a_matrix_that_creates_energy_is_counted(scheme, friction):
     data.qvel[:] = 1.0, 0.0, -1.0
     sums, (event, *_) = counted(model, data, GAINING, scheme=scheme, friction=friction, on_inadmissible="project")
     assert event.impact.energy_change < 1e-9
-    assert event.impact.target_contact_velocity is None  # the outcome is not the law's own
+    assert event.impact.target_contact_velocity is None  # the outcome is not that of the law itself
     assert sums.inadmissible >= 1
     assert 0.5 * data.qvel @ data.qvel < 1.0 + 1e-9
     assert np.isfinite(data.qvel).all()

@@ -1,4 +1,4 @@
-"""What collides at once with bodies that cannot influence each other leaves each as if it had collided alone."""
+"""Bodies that collide at the same time without mutual influence have the outcomes of separate collisions."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ROD_AND_BALL = {(f"floor/{name}", f"floor/{name}"): 1.0 for name in ("tip0", "ba
 
 
 def rod(i: int = 0, mu: float = 0.7) -> str:
-    """T. R. Kane's oblique rod: elastic and rough, it would gain energy."""
+    """Return T. R. Kane's oblique rod: elastic and rough, it would gain energy."""
     return f"""<body name="{i} rod" pos="{3 * i} 0 .81"><joint type="slide" axis="1 0 0"/>
       <joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/>
       <inertial pos="0 0 0" mass="1" diaginertia="{1 / 3} {1 / 3} {1 / 3}"/>
@@ -36,7 +36,7 @@ def rod(i: int = 0, mu: float = 0.7) -> str:
 
 
 def thrown(bodies: str, way: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """Rods and balls just above the floor, or in it; they approach at 1 m/s, and rods slide at 1 m/s."""
+    """Return rods and balls just above the floor, or in it; they approach at 1 m/s, and rods slide at 1 m/s."""
     model, data = compiled(FLOOR + bodies, option='gravity="0 0 0" timestep="1e-3"')
     gap = -1e-6 if "soft" in way else 5e-4
     for body in range(1, model.nbody):
@@ -49,7 +49,7 @@ def thrown(bodies: str, way: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 
 def collided(bodies: str, law: Law, way: str, **options: object) -> tuple[mujoco.MjData, Stepper]:
-    """The state and the stepper after the collision with the floor."""
+    """Return the state and the stepper after the collision with the floor."""
     model, data = thrown(bodies, way)
     stepper = Stepper(model, law, **WAYS[way], **options)  # pyright: ignore[reportArgumentType]
     for _ in range(4):
@@ -60,7 +60,7 @@ def collided(bodies: str, law: Law, way: str, **options: object) -> tuple[mujoco
 
 
 def energy(velocity: np.ndarray) -> np.ndarray:
-    """Of rods, J; 1 before."""
+    """Return the energies of the rods, J; they are 1 before."""
     return velocity.reshape(-1, 3) ** 2 @ [0.5, 0.5, 1 / 6]
 
 
@@ -104,7 +104,7 @@ def test_laws_that_do_not_couple_them(way: str, law: Law):
 
 @in_python
 def test_a_matrix_that_couples_them_is_judged_as_a_whole(way: str):
-    """The ball gives the rod what it does not keep itself, as the matrix says: all is scaled, and no energy created."""
+    """By the matrix, the ball gives energy to the rod: restitution is scaled as a whole, and no energy is created."""
     law = Fremond({**ROD_AND_BALL, ("floor/ball", "floor/tip0"): 0.5, ("floor/tip0", "floor/ball"): 0.5})
     data, stepper = collided(rod() + BALL, law, way, on_inadmissible="project")
     total = energy(data.qvel[:3])[0] + 0.5 * data.qvel[3] ** 2
@@ -133,7 +133,7 @@ def test_what_jams_takes_no_restitution_from_others(way: str):
 
 @pytest.mark.parametrize("way", ["event-driven", "soft", "time-stepping"])
 def test_many_rods(way: str):
-    """Each has friction of its own: with little of it, it slides."""
+    """Each rod has its own friction: a rod with little friction slides."""
     coefficients = np.linspace(0.05, 0.3, 60)
     data, stepper = collided("".join(rod(i, mu) for i, mu in enumerate(coefficients)), Moreau(1.0), way)
     velocity = data.qvel.reshape(-1, 3)
@@ -159,7 +159,7 @@ TIES = {"weld": "", "connect": 'anchor=".11 0 0"'}
 
 
 def landed(far: str, tie: str, seed: int, e: float, way: str) -> tuple[np.ndarray, int]:
-    """Two boxes that land at 1 m/s, and away from each other against what ties them; a far ball lands at 30 m/s."""
+    """Land two boxes at 1 m/s whose velocities violate their tie, and a far ball at 30 m/s."""
     pair = HALF.format("left", -0.11) + HALF.format("right", 0.11)
     tied = f"""<equality><{tie} body1="left" body2="right" {TIES[tie]}/></equality>
       <contact><exclude body1="left" body2="right"/></contact>"""
@@ -179,7 +179,7 @@ def landed(far: str, tie: str, seed: int, e: float, way: str) -> tuple[np.ndarra
 @pytest.mark.parametrize("tie", TIES)
 @pytest.mark.parametrize("e", [0.0, 0.5])
 def test_what_constraints_keep_is_not_decided_by_a_far_collision(way: str, tie: str, e: float):
-    """Next to 30 m/s a drift of 1 m/s is nothing: it drove the boxes, or held them."""
+    """Regression: next to 30 m/s, a drift of 1 m/s was taken for rounding, and drove or held the boxes."""
     for seed in range(4):
         alone, _ = landed("", tie, seed, e, way)
         both, events = landed(BALL, tie, seed, e, way)

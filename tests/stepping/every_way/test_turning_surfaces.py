@@ -1,4 +1,4 @@
-"""Surfaces that turn take along what touches them, whatever takes the steps."""
+"""Turning surfaces carry bodies along in every way to step."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ RATE = 3.0  # rad/s
 
 
 def poses(length: float, steps: int):
-    """Quaternions of this length of a drum that turns about y."""
+    """Return quaternions of this length for a drum that turns about y."""
     for k in range(steps):
         angle, turned = 0.5 * RATE * 0.002 * k, np.empty(4)
         mujoco.mju_mulQuat(turned, np.array([np.cos(angle), 0, np.sin(angle), 0]), np.array([0.5, 0.5, 0, 0]) ** 0.5)
@@ -54,7 +54,7 @@ def test_a_drum_throws_a_ball_whatever_the_length_of_its_quaternion(way, length)
 
 
 def velocity_after(steps: int, way: str, law: Moreau, world: str, friction: str) -> np.ndarray:
-    """Return what a ball on a turntable turns with after so many steps, rad/s, (3,)."""
+    """Return the angular velocity of a ball on a turntable after some steps, rad/s, (3,)."""
     model, data = compiled(world, option='timestep=".002" cone="elliptic"', geom=f'friction="{friction}"')
     if way == "batch":
         batch = Batch(model, law, 1, 1, **WAYS[way])
@@ -69,7 +69,7 @@ def velocity_after(steps: int, way: str, law: Moreau, world: str, friction: str)
 @every_way
 @pytest.mark.parametrize("height", [0.1, 0.4])
 def test_a_turntable_spins_a_ball_at_its_centre(way, height):
-    """The angular part of ``surfacevel`` acts on friction of torsion, in held contact and in collisions."""
+    """The angular part of ``surfacevel`` acts through torsional friction, in held contact and in collisions."""
     world = f"""<geom type="plane" size="9 9 .1" condim="4" surfacevel="0 0 0 0 0 {RATE}"/>
     <body pos="0 0 {height}"><freejoint/><geom size=".1" mass="1" condim="4"/></body>"""
     assert velocity_after(140, way, Moreau(0.5), world, "1 .05 .001")[2] == pytest.approx(RATE, rel=1e-3)
@@ -77,7 +77,7 @@ def test_a_turntable_spins_a_ball_at_its_centre(way, height):
 
 @every_way
 def test_a_turntable_does_not_roll_a_ball(way):
-    """Of the angular part only what is about the normal counts, as in MuJoCo."""
+    """Only the normal component of the angular part counts, as in MuJoCo."""
     world = f"""<geom type="plane" size="9 9 .1" condim="6" surfacevel="0 0 0 {RATE} 0 0"/>
     <body pos="0 0 .12"><freejoint/><geom size=".1" mass="1" condim="6"/></body>"""
     assert np.abs(velocity_after(60, way, Moreau(0.0), world, "1 .05 .05")).max() < 1e-3

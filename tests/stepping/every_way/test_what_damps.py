@@ -1,4 +1,4 @@
-"""Damping of joints is the same whatever it is written as: of joints, motors, servos or tendons."""
+"""Joint damping acts in the same way however it is written: in joints, motors, servos or tendons."""
 
 import mujoco
 import numpy as np
@@ -13,7 +13,7 @@ _WAYS = {
 
 
 def _scene(damping: float, by: str, integrator: str) -> mujoco.MjModel:
-    """Return two light links with hinges that are damped, onto which a ball and a box of 1 kg fall."""
+    """Return two light links with damped hinges, onto which a ball and a box of 1 kg fall."""
     rest = {
         "joint": "",
         "motor": '<actuator><motor joint="a" damping="{0}"/><motor joint="b" damping="{0}"/></actuator>',
@@ -35,7 +35,7 @@ def _scene(damping: float, by: str, integrator: str) -> mujoco.MjModel:
 
 
 def _run(damping: float, by: str, way: str, integrator: str) -> tuple[np.ndarray, float]:
-    """Return the positions after 1 s, and the largest energy, as a multiple of that of the start."""
+    """Return the positions after 1 s, and the largest energy as a multiple of the initial one."""
     model = _scene(damping, by, integrator)
     stepper, data, energy = Stepper(model, Moreau(0.5), **_WAYS[way]), mujoco.MjData(model), []
     for _ in range(500):

@@ -1,4 +1,4 @@
-"""A stepper is told of another law: it does it from the next step on, or refuses it at once."""
+"""Setting another law on a stepper: it holds from the next step on, or is refused at once."""
 
 import mujoco
 import numpy as np
@@ -28,7 +28,7 @@ def test_another_law_takes_effect_with_the_next_step(way, condim):
 
 @every_way
 def test_the_next_step_is_as_of_a_stepper_made_with_that_law(way):
-    """To the last bit, in the middle of a run too."""
+    """The step is equal to the last bit, also in the middle of a run."""
     ends = []
     for change in (True, False):
         model, data = ball(3)
@@ -84,7 +84,7 @@ def test_a_law_that_does_not_fit_is_refused_and_the_old_one_stays(way, law, erro
 
 
 class Own(Poisson):
-    """A law with a rule of its own that Coulomb knows nothing of."""
+    """A law with its own rule, which Coulomb does not know."""
 
     def resolve(self, collision, *, solver="auto"):
         return super().resolve(collision, solver=solver)
@@ -139,7 +139,7 @@ def test_restitution_of_the_scene_between_geoms_that_cannot_meet(way):
 @pytest.mark.parametrize("data", ["0.5 0.9", None], ids=["two numbers", "three zeros"])
 @pytest.mark.parametrize("name", ["restitution", "restitution/ball/floor"])
 def test_restitution_of_the_scene_is_one_number(name, data):
-    """The rest of the numbers was ignored; with a size and no data it was 0."""
+    """Regression: further numbers were ignored; with a size and no data it was 0."""
     given = 'size="3"' if data is None else f'data="{data}"'
     model, _ = ball(numeric=f'<numeric name="{name}" {given}/>')
     with pytest.raises(RestitutionError, match=f"{name} of the scene must be one number"):

@@ -1,4 +1,4 @@
-"""Options of a stepper beside the law: read, settled, copied, and refused when they are none."""
+"""Options of a stepper other than the law: read, fixed, copied, and refused if invalid."""
 
 import copy
 import math
@@ -86,7 +86,7 @@ def test_a_timestep_that_is_none(way, timestep):
 @pytest.mark.parametrize("field", ["mocap_pos", "mocap_quat"])
 @pytest.mark.usefixtures("quiet")
 def test_a_surface_that_is_nowhere(way, field):
-    """It was ignored, and the ball fell through it."""
+    """Regression: it was ignored, and the ball fell through it."""
     model, data = load("juggler")
     stepper = Stepper(model, Moreau(0.5), **WAYS[way])
     stepper.step(data)
@@ -110,7 +110,7 @@ def test_a_path_is_no_model():
 
 
 def test_the_event_of_time_stepping_says_how_much_restitution_was_left():
-    """Newton's restitution and friction would create energy (Kane): all of it is scaled, and the event says so."""
+    """Newton's restitution and friction would create energy (Kane): restitution is scaled, as the event tells."""
     model = mujoco.MjModel.from_xml_string("""<mujoco><option gravity="0 0 0" timestep="0.001"/><worldbody>
       <geom name="floor" type="plane" size="5 5 1" friction="0.7"/>
       <body pos="0 0 .805" euler="0 37 0"><freejoint/><geom type="capsule" size=".005 1" mass="1" friction="0.7"/>

@@ -1,4 +1,4 @@
-"""A ball on a floor, all ways to step it, and how fast it leaves."""
+"""A ball on a floor, all ways to step it, and its speed of rebound."""
 
 import mujoco
 import pytest
@@ -12,7 +12,7 @@ every_way = pytest.mark.parametrize("way", WAYS)
 
 
 def ball(condim=1, option="", numeric=""):
-    """A ball 1 m above a floor."""
+    """Return a ball 1 m above a floor."""
     model = mujoco.MjModel.from_xml_string(f"""<mujoco><option timestep="0.002" {option}/><custom>{numeric}</custom>
       <worldbody><geom name="floor" type="plane" size="1 1 1" condim="{condim}"/>
       <body pos="0 0 1.1"><freejoint/><geom name="ball" size=".1" mass="1" condim="{condim}"/></body></worldbody>
@@ -21,7 +21,7 @@ def ball(condim=1, option="", numeric=""):
 
 
 def rebound(stepper, data):
-    """The part of its speed that the ball keeps in its next collision."""
+    """Return the part of its speed that the ball keeps in its next collision."""
     for _ in range(2000):
         stepper.step(data)
         if stepper.events:

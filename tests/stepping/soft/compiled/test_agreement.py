@@ -1,4 +1,4 @@
-"""Soft steps in compiled code: MuJoCo's own without a collision, and with one those of the scheme in Python."""
+"""Compiled soft steps equal MuJoCo's without a collision, and those of the scheme in Python with one."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ LAWS = {
 
 
 def steppers(model, law, **options):
-    """One in compiled code, and one in Python."""
+    """Return a compiled stepper and one in Python."""
     ours = Stepper(model, law, contact_model="soft", compiled="auto", **options)
     assert isinstance(ours.stepping, CompiledSoftStepping)
     return ours, Stepper(model, law, contact_model="soft", compiled="never", **options)
 
 
 def is_indeterminate(python, start, qvel, velocity):
-    """Whether rounding decides: friction of contacts that coincide, or nearly, may have many solutions."""
+    """Return whether rounding decides: friction of almost coincident contacts may have many solutions."""
     data, rng = mujoco.MjData(python.model), np.random.default_rng(0)
     for _ in range(20):
         mujoco.mj_setState(python.model, data, start, mujoco.mjtState.mjSTATE_INTEGRATION)
@@ -53,7 +53,7 @@ def is_indeterminate(python, start, qvel, velocity):
 
 
 def compare(ours, python, data, other):
-    """Take a step from the same state; return whether something collided, None where rounding decides how."""
+    """Take a step from the same state; return whether bodies collided, None if rounding decides the outcome."""
     state = np.empty(mujoco.mj_stateSize(ours.model, mujoco.mjtState.mjSTATE_INTEGRATION))
     mujoco.mj_getState(ours.model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
     before = data.qvel.copy()
@@ -110,7 +110,7 @@ def test_a_heap(law, option):
 
 @pytest.mark.parametrize("law", [Moreau(1.0), Newton({}, default=0.9)], ids=["moreau", "newton"])
 def test_rods_far_from_each_other(law):
-    """Energy that one of them would gain is not paid for by what others lose in the same step."""
+    """The energy that one of them would gain is not balanced against losses of others in the same step."""
     rods = "".join(
         f'<body pos="{3 * i} 0 .81"><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>'
         '<joint axis="0 1 0"/><inertial pos="0 0 0" mass="1" diaginertia=".33 .33 .33"/>'
@@ -163,7 +163,7 @@ def test_events_are_those_of_the_steps_and_sums_those_of_the_events():
         if not sums.collisions:
             assert ours.events == ()
             continue
-        ours.law = Moreau(0.9)  # what was met was met under the law of then
+        ours.law = Moreau(0.9)  # the steps were taken under the law of that time
         events = later() if callable(later) else later
         ours.law = Moreau(0.5)
         np.testing.assert_allclose(sums, ImpactSums.of(events), rtol=1e-7, atol=1e-9)
@@ -245,7 +245,7 @@ GRASP = """
 
 
 def closing(law, friction, **options):
-    """Two fingers that close on a block, which goes back and forth between them; and steppers of it."""
+    """Return steppers of two fingers that close on a block, which bounces between them, and its data."""
     model, data = compiled(GRASP, option='gravity="0 0 0"')
     data.qvel[:] = 1.0, 0.1, 0.0, 0.3, 0.0
     return *steppers(model, law, friction=friction, **options), data
@@ -254,7 +254,7 @@ def closing(law, friction, **options):
 @pytest.mark.parametrize("friction", ["coulomb", "convex", "ignore"])
 @pytest.mark.parametrize("law", [Moreau(0.95), Newton({("left", "block"): 0.9}, default=0.95)])
 def test_more_collisions_than_a_step_may_have(law, friction, monkeypatch):
-    """The last one has E = 0, and tangential restitution neither, in compiled code as in Python."""
+    """The last collision has E = 0 and no tangential restitution, in compiled code as in Python."""
     ours, python, data = closing(law, friction, max_events=5)
     step = SoftStepping.step
 

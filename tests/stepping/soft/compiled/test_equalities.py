@@ -1,4 +1,4 @@
-"""Soft collisions in compiled code leave the velocities of equality constraints alone, as those in Python do."""
+"""Compiled soft collisions keep the velocities of equality constraints, as those in Python do."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _WORLD = """<geom type="plane" size="5 5 .1"/>
   <body pos="-.8 0 .3"><joint name="left" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 -.3 0 0" size=".03"/></body>
   <body pos="-.6 0 .3"><joint name="right" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 .3 0 0" size=".03"/></body>
   <body pos="0 1 .5"><freejoint/><geom size=".1"/></body>"""
-"""No body rests on a face: where it does, friction of the impact law has several outcomes, and rounding chooses one."""
+"""No body rests on a face, where friction would have several solutions between which rounding decides."""
 _FINGER = """<geom type="plane" size="5 5 .1"/>
   <body pos="0 0 .12" euler="0 0 {turned}"><joint type="slide" axis="0 0 1"/><geom size=".01"/>
    <body pos=".03 0 0"><joint axis="0 1 0"/><geom type="capsule" fromto="0 0 0 .03 0 -.03" size=".004"/>
@@ -26,14 +26,14 @@ _FINGER = """<geom type="plane" size="5 5 .1"/>
      <geom type="capsule" fromto="0 0 0 0 0 -.04" size=".004"/></body></body>
    <body name="follower" pos=".01 0 -.02"><joint axis="0 1 {tilt}"/>
     <geom type="capsule" fromto="0 0 0 .03 0 -.03" size=".004"/></body></body>"""
-"""A finger of four bars in a plane, that falls: one of the three rows that close it depends on the others, nearly."""
+"""A falling planar finger of four bars: one of the three rows that close it almost depends on the others."""
 _LOOP = '<connect body1="coupler" body2="follower" anchor="0 0 -.02"/>'
 _GEAR = '<joint joint1="left" joint2="right" polycoef="0 -.5 0 0 0"/>'
 _WELD = '<weld body1="one" body2="two"/>'
 
 
 def _compare(equality: str, law: object, option: str) -> tuple[int, float]:
-    """Return how many of 400 steps collide, and the largest difference of velocities after one, relative."""
+    """Return how many of 400 steps collide, and the largest relative difference of velocities after one step."""
     model, data = compiled(_WORLD, f"<equality>{equality}</equality>", option=f'timestep="2e-3" {option}')
     ours = Stepper(model, law, contact_model="soft", compiled="auto")  # pyright: ignore[reportArgumentType]
     python = Stepper(model, law, contact_model="soft", compiled="never")  # pyright: ignore[reportArgumentType]

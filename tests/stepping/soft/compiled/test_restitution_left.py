@@ -1,4 +1,4 @@
-"""Restitution that friction leaves in compiled soft steps: as much as creates no energy, none where bodies jam."""
+"""Restitution that friction leaves in compiled soft steps: scaled to create no energy, none where bodies jam."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SCENES = {
     "jams": SLIDER,
     "both and another": ROD.format(x=0, mu=0.7) + ROD.format(x=4, mu=0.0) + SLIDER,
 }
-"""A rod whose friction would create energy (T. R. Kane), a ball that meets the floor at 30 degrees, and more."""
+"""A rod whose friction would create energy (T. R. Kane), a ball that lands at 30 degrees, and more."""
 
 
 def scene(name):
@@ -60,7 +60,7 @@ def test_it_is_that_of_python_without_a_step_there(name, e, monkeypatch):
 
 
 def test_its_share_is_found_in_few_problems(monkeypatch):
-    """As the energy is nearly quadratic in it; regula falsi took 17."""
+    """Few are needed because the energy is almost quadratic in the share; regula falsi needed 17."""
     shares, choose = [], scaled.next_share
 
     def counted(*bracket):
@@ -74,4 +74,4 @@ def test_its_share_is_found_in_few_problems(monkeypatch):
     (event,) = stepper.events
     assert event.impact.restitution_scale < 0.99
     assert event.impact.energy_change == pytest.approx(0.0, abs=1e-10)
-    assert 0 < len(shares) <= 7  # beside all of it and none
+    assert 0 < len(shares) <= 7  # in addition to full restitution and none

@@ -1,6 +1,6 @@
-"""Steps of RK4 that compiled code takes again are as those that it takes at once, and as those of Python.
+"""RK4 steps that compiled code repeats equal steps that it takes once, and steps in Python.
 
-The last stage of an RK4 step need not meet what its end does: the next step looks at what touches itself.
+The last stage of an RK4 step need not find the contacts at its end, because the next step detects them itself.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ ANT = (
     (0.4326, 0.3058, -1.731, 1.016, -0.07037, 1.8, -5.028, -0.9993, 8.732, -14.76, -8.564, -0.8834, -8.684, 2.395),
     (0.5259, -0.5795, -0.7912, 0.08681, -0.1989, -0.452, -0.9535, -0.9733),
 )  # fmt: skip
-"""Positions, velocities and controls of an Ant that in a step comes to a limit which only a stage between meets."""
+"""Positions, velocities and controls of an Ant that reaches a limit only in a middle stage of the step."""
 DAMPED = 'solref{}="-2000 -180"'
-"""With which MuJoCo's contact takes most of the speed in half a timestep: the last stage of RK4 is in front of it."""
+"""MuJoCo's contact then takes most of the speed in half a timestep: the last stage of RK4 has no contact."""
 BEFORE = {
     "floor": f"""<geom type="plane" size="3 3 1" {DAMPED.format("")}/><body pos="0 0 .1">
         <joint type="slide" axis="0 0 1"/><geom size=".1" mass="1" {DAMPED.format("")}/></body>""",
@@ -38,7 +38,7 @@ BEFORE = {
 }
 TENDON = f"""<tendon><fixed limited="true" range="0 9" {DAMPED.format("limit")}><joint joint="slide" coef="1"/></fixed>
     </tendon>"""
-"""Something that is as far from a contact or limit as its position tells."""
+"""Scenes whose position is the distance from a contact or limit."""
 RESTING = (
     """<body pos="5 0 0"><joint name="resting" type="slide" limited="true" range="1e-5 9"/><geom size=".1"/></body>"""
 )
@@ -50,7 +50,7 @@ ARM = """<mujoco><option timestep="0.004" integrator="RK4"/><worldbody><geom typ
   </fixed></tendon><equality><joint joint1="one" joint2="twin"/></equality>
   <actuator><general joint="two" dyntype="filter" dynprm=".05" gainprm="2" ctrlrange="-1 1"/>
   <position tendon="pair" kp="4" kv=".1"/><damper joint="one" kv=".2" ctrlrange="0 1"/></actuator></mujoco>"""
-"""All that damps, activation, dry friction, a constraint."""
+"""All kinds of damping, activation, dry friction, a constraint."""
 
 
 def test_a_contact_that_was_not_known_collides_as_one_that_was():
@@ -71,7 +71,7 @@ def test_a_contact_that_was_not_known_collides_as_one_that_was():
 @pytest.mark.parametrize("what", BEFORE)
 @pytest.mark.parametrize("compiled", ["auto", "never"])
 def test_what_only_a_stage_between_meets_collides(compiled, what, beside):
-    """The law's coefficient was 0.03 to 0.48 where a body came within 0.1 to 0.5 of a step's way."""
+    """Regression: the effective coefficient was 0.03 to 0.48 from starts 0.1 to 0.5 of a step's way ahead."""
     tendon = TENDON if what == "tendon" else ""
     scene = f"""<mujoco><option timestep="0.01" integrator="RK4" gravity="0 0 0"/>
         <worldbody>{BEFORE[what]}{beside}</worldbody>{tendon}</mujoco>"""
@@ -88,7 +88,7 @@ def test_what_only_a_stage_between_meets_collides(compiled, what, beside):
 
 @pytest.mark.parametrize("compiled", ["auto", "never"])
 def test_what_only_a_stage_between_meets_while_a_contact_opens_collides(compiled):
-    """No stage has more rows than the start, where the other limit is."""
+    """No stage has more rows than the start, where the opposite limit is active."""
     scene = f"""<mujoco><option timestep="0.01" integrator="RK4" gravity="0 0 0"/><worldbody><body>
         <joint type="slide" limited="true" range="0 .006" {DAMPED.format("limit")}/><geom size=".1"/></body>
         </worldbody></mujoco>"""
@@ -119,7 +119,7 @@ def test_what_a_stage_between_has_met_collides_at_the_end_of_the_step():
 @pytest.mark.parametrize("touches", [True, False])
 @pytest.mark.parametrize("scene", ["Ant-v5", "Humanoid-v5", ARM])
 def test_what_is_kept_of_the_start_of_a_step_is_all_that_it_is_taken_again_from(scene, touches):
-    """The other data have found something else before, in another state."""
+    """The other data have detected other contacts before, in another state."""
     env: Any = None if scene == ARM else gymnasium.make(scene).unwrapped
     model = mujoco.MjModel.from_xml_string(ARM) if env is None else env.model
     data, other, random = mujoco.MjData(model), mujoco.MjData(model), np.random.default_rng(0)

@@ -1,4 +1,4 @@
-"""What compiled soft steps tell: of a box that friction holds with large impulses, which have many solutions, say."""
+"""Events of compiled soft steps, also where friction holds a box by large impulses with many solutions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from impactlaw.errors import SceneError
 
 
 def gripper(rng):
-    """A box that rests on the floor between two jaws of six pads each, and its data with the jaws pressed together."""
+    """Return a box on the floor between two jaws of six pads each, and its data with the jaws pressed together."""
     jaws = ""
     for side in (-1, 1):
         pads = "".join(
@@ -73,7 +73,7 @@ def test_a_callback_that_is_set_after_a_collision_lets_nothing_be_told_once_more
 
 
 def driven(domain, task, steps):
-    """Yield the stepper after each step of one of dm_control's robots under random controls."""
+    """Yield the stepper after each step of a robot of dm_control under random controls."""
     model = suite.load(domain, task).physics.model.ptr
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
     stepper = Stepper(model, Moreau(0.5), contact_model="soft")
@@ -85,7 +85,7 @@ def driven(domain, task, steps):
 
 
 def test_events_of_damped_joints_are_told_from_the_state_alone():
-    """What damping adds to M in a collision must not depend on the steps before: data of the step once more is new."""
+    """The effect of damping on M must not depend on earlier steps, because the data of the repeated step are new."""
     told = 0
     for stepper in driven("humanoid", "stand", 200):
         assert len(stepper.events) == stepper.sums.collisions
@@ -94,7 +94,7 @@ def test_events_of_damped_joints_are_told_from_the_state_alone():
 
 
 def test_another_solution_in_python_is_told_and_not_taken_for_a_changed_model():
-    """A quadruped that falls over its own legs: of eight collisions in one step, Python scales all of one more."""
+    """A quadruped falls over its own legs: in one step with eight collisions, Python scales one more of them."""
     others = 0
     for stepper in driven("quadruped", "walk", 490):
         assert bool(stepper.events) == bool(stepper.sums.collisions)
@@ -113,7 +113,7 @@ def test_events_that_are_asked_for_after_the_model_has_changed_are_refused():
 
 
 def test_what_is_told_does_not_depend_on_what_was_told_before():
-    """What takes steps once more is made once: the last collisions of a fall, asked for in any order."""
+    """The stepper that repeats steps is made once: the last collisions of a fall, read in any order."""
     model = suite.load("walker", "walk").physics.model.ptr
     told = []
     for asks in (True, False):
