@@ -1,4 +1,4 @@
-"""A law that is for some contacts of a scene, with or without the limits of joints."""
+"""A law for some contacts of a scene, with or without joint limits."""
 
 import gymnasium
 import mujoco
@@ -32,9 +32,9 @@ def scene(option=OPTION):
 
 
 def after(law, **options):
-    """Velocities after one step in which all three approach with 1 m/s."""
+    """Return the velocities after one step in which all three bodies approach with 1 m/s."""
     model, data = scene()
-    data.qpos[:] = -1e-4 if options.get("contact_model") == "soft" else 0.0  # MuJoCo acts on what overlaps
+    data.qpos[:] = -1e-4 if options.get("contact_model") == "soft" else 0.0  # MuJoCo acts on overlap only
     data.qvel[:] = -1.0
     stepper = Stepper(model, law, **options)
     stepper.step(data)
@@ -64,7 +64,7 @@ def test_compiled_steps_stay_compiled():
 
 
 def test_soft_contacts_left_out_are_mujocos():
-    """Left out, a contact moves bit for bit as without a law; bodies are apart, so that the others do not matter."""
+    """Contacts left out move bit for bit as without a law; bodies are apart, so that other contacts do not matter."""
     plain, data = scene()
     data.qpos[:], data.qvel[:] = -1e-4, -1.0
     mujoco.mj_step(plain, data)
@@ -122,7 +122,7 @@ def test_every_law(law, foot, options):
 
 
 def test_a_law_that_couples_contacts_knows_of_the_chosen_ones_only():
-    """Reversal on two contacts of three: they exchange velocities, and the one between them has E = 0."""
+    """Reversal on two of three contacts: these exchange velocities, and the contact between them has E = 0."""
     body = '<body pos="{} 0 0"><joint type="slide" axis="1 0 0"/><geom name="b{}" size=".1" condim="1"/></body>'
     model, data = compiled("".join(body.format(0.2 * i, i) for i in range(4)), option=OPTION)
     data.qvel[:] = [1.0, 0.0, 0.0, -1.0]
@@ -143,7 +143,7 @@ def test_a_law_that_is_set_later_is_for_the_same_contacts():
 
 
 def test_the_rest_of_a_step_is_under_the_same_choice():
-    """What event-driven stepping hands over to time stepping keeps it: the head never bounces."""
+    """Time stepping of the rest of an event-driven step has the same choice: the head never bounces."""
     model, data = scene('timestep="0.01"')
     data.qpos[:] = 0.002
     stepper = Stepper(model, Moreau(0.9), contacts="*foot*", limits=False, max_events=1)
@@ -162,7 +162,7 @@ def test_the_rest_of_a_step_is_under_the_same_choice():
     [
         ({"contacts": "*feet*"}, UnknownNameError, r"contact pattern '\*feet\*'"),
         ({"contacts": ["*foot*", "head/wall"]}, UnknownNameError, "head/wall.*did you mean"),
-        ({"contacts": "left_foot/head"}, UnknownNameError, "contact pattern"),  # slides never meet
+        ({"contacts": "left_foot/head"}, UnknownNameError, "contact pattern"),  # slides are never in contact
         ({"contacts": []}, OptionError, "contacts is a pattern"),
         ({"contacts": [("left_foot", "floor")]}, OptionError, "contacts is a pattern"),
         ({"contacts": 3}, OptionError, "contacts is a pattern"),
@@ -202,7 +202,7 @@ def test_a_law_with_a_rule_of_its_own_is_refused(options):
 
 
 def test_hopper_has_fewer_collisions_without_its_limits():
-    """Joint limits are half of all collisions of Hopper."""
+    """About half of all collisions of Hopper are at joint limits."""
     counts = []
     for limits in (True, False):
         env = gymnasium.make("Hopper-v5").unwrapped

@@ -21,7 +21,7 @@ compiled = partial(scenes.compiled, option=STILL, geom='condim="1"')
 
 
 def welded(count, relation):
-    """Boxes of edge 0.2 in a row along x, each held to the next, and to the one after that, by an equality."""
+    """Return boxes of edge 0.2 in a row along x, each tied by an equality to the next two."""
     bodies = "".join(
         f'<body name="b{i}" pos="{0.2 * i} 0 1"><freejoint/>'
         f'<geom name="b{i}" type="box" size=".1 .1 .1" mass="{1 + i}" contype="0"/></body>'
@@ -36,7 +36,7 @@ WELD = '<weld body1="{}" body2="{}"/>'
 
 @pytest.mark.parametrize("law", [Moreau(0.5), Newton(1.0)])
 def test_welded_boxes_collide_like_one_body(law):
-    """A redundant chain of welds is hit at one end; the same boxes as one body tell the answer."""
+    """A redundant chain of welds is hit at one end; the same boxes as a single body give the answer."""
     pin = '<body name="pin" pos="-.03 .05 .85"><freejoint/><geom name="pin" size=".05" mass="0.7"/></body>'
     bodies, equality = welded(4, WELD)
     model, data = compiled(pin + bodies, equality)
@@ -59,7 +59,7 @@ def test_welded_boxes_collide_like_one_body(law):
 
 
 def four_bar(crank=0.4, coupler=1.5):
-    """Two upright cranks of length 1 carry a coupler, which can only move without turning: a parallelogram."""
+    """Return two upright cranks of length 1 with a coupler that can only translate: a parallelogram."""
     rod = f'<geom type="capsule" fromto="0 0 0 0 0 1" size=".02" mass="{crank}" contype="0" conaffinity="0"/>'
     hinge = '<joint axis="0 1 0"/>'
     world = f"""
@@ -76,7 +76,7 @@ def four_bar(crank=0.4, coupler=1.5):
 @pytest.mark.parametrize("contact_model", ["rigid", "soft"])
 @pytest.mark.parametrize("e", [0.0, 0.6, 1.0])
 def test_a_four_bar_linkage_has_one_effective_mass(e, contact_model):
-    """A ball hits the end of the coupler along it: the linkage moves like a mass of coupler + 2 I / l^2."""
+    """A ball hits the end of the coupler along its axis: the linkage acts as a mass of coupler + 2 I / l^2."""
     model, data = four_bar()
     update_positions(model, data)
     crank = model.body_inertia[1][1] + model.body_mass[1] * model.body_ipos[1][2] ** 2
@@ -134,7 +134,7 @@ def test_constraints_that_are_off_take_no_part():
 
 
 def test_a_constraint_switched_on_at_rest_counts_from_the_next_step():
-    """The balls touch and rest; then the gear engages and a blow comes: contacts of the last step are not believed."""
+    """The balls touch at rest; then the gear engages and a blow follows: the last step's contacts are not reused."""
     model, data = compiled(GEARS, '<equality><joint joint1="second" joint2="first" polycoef="0 2 0 0 0"/></equality>')
     data.eq_active[0] = 0
     stepper = Stepper(model, Moreau(1.0))
@@ -158,7 +158,7 @@ def test_a_servo_that_holds_a_body_to_a_mocap_body_may_give_way():
 
 
 def test_a_body_that_constraints_hold_cannot_bounce():
-    """The ball is welded to the world and driven into the floor by the state it starts with."""
+    """The ball is welded to the world and driven into the floor by its initial velocity."""
     world = FLOOR + '<body name="ball" pos="0 0 .1"><freejoint/><geom name="ball" size=".1"/></body>'
     model, data = compiled(world, '<equality><weld body1="ball"/></equality>')
     data.qvel[2] = -1.0
@@ -172,7 +172,7 @@ def test_a_body_that_constraints_hold_cannot_bounce():
 
 @pytest.mark.parametrize(("integrator", "trembling"), [("Euler", 0.0), ("RK4", 0.0), ("implicitfast", 1e-3)])
 def test_welded_boxes_rest_on_the_floor(integrator, trembling):
-    """MuJoCo's welds are soft; redundant ones tremble under implicitfast, and boxes on the floor with them."""
+    """MuJoCo's welds are soft; redundant ones tremble under implicitfast, and so do boxes on the floor."""
     bodies, equality = welded(3, WELD)
     bodies = (
         bodies.replace(' 0 1"', ' 0 .1"')
@@ -190,7 +190,7 @@ def test_welded_boxes_rest_on_the_floor(integrator, trembling):
 
 @pytest.mark.parametrize("contact_model", ["rigid", "soft"])
 def test_every_collision_of_a_falling_linkage_keeps_its_constraints(contact_model):
-    """Three boxes held by ball joints fall, tilted, and tumble: J_eq v+ = J_eq v- and no energy from nowhere."""
+    """Three boxes joined by ball joints fall tilted and tumble: J_eq v+ = J_eq v-, and no energy is created."""
     bodies, equality = welded(3, '<connect body1="{}" body2="{}" anchor=".1 0 0"/>')
     bodies = bodies.replace('contype="0"', 'contype="1" conaffinity="2"').replace(' 0 1"', ' 0 .5"')
     equality = equality.replace('<connect body1="b0" body2="b2" anchor=".1 0 0"/>', "")
@@ -211,7 +211,7 @@ def test_every_collision_of_a_falling_linkage_keeps_its_constraints(contact_mode
 
 @pytest.mark.parametrize("drift", [1e-5, 1e-3])
 def test_redundant_constraints_that_have_drifted_lock_nothing(drift):
-    """Boxes that MuJoCo's soft welds let move by a part of their size: the redundant welds count as redundant."""
+    """MuJoCo's soft welds let boxes move by a part of their size: the redundant welds still count as redundant."""
     pin = '<body name="pin" pos="-.03 .05 .8"><freejoint/><geom name="pin" size=".05" mass="0.7"/></body>'
     bodies, equality = welded(5, WELD)
     chain = "<equality>" + "".join(WELD.format(f"b{i}", f"b{i + 1}") for i in range(4)) + "</equality>"
@@ -247,7 +247,7 @@ def _gap(model, data):
     ids=str,
 )
 def test_a_weld_between_bodies_that_stand_still_does_nothing(options):
-    """MuJoCo has room for its rows in the Jacobian, but makes none."""
+    """MuJoCo reserves Jacobian rows for the weld, but creates none."""
     balls = "".join(f'<body pos="{x} 0 1"><freejoint/><geom size=".1" mass="1"/></body>' for x in (0.0, 0.2))
     posts = '<body name="a" pos="1 0 0"><geom size=".1"/></body><body name="b" pos="2 0 0"><geom size=".1"/></body>'
     model, data = compiled(balls + posts, "<equality>" + WELD.format("a", "b") + "</equality>", option=EULER)
@@ -270,7 +270,7 @@ LEVER = """<mujoco><option timestep=".001" gravity="0 0 0"><flag contact="disabl
 @pytest.mark.parametrize("slope", [0.01, 0.05, 0.2])
 @pytest.mark.parametrize("off", [0.03, -0.03])
 def test_constraints_give_way_beside_a_held_limit_as_in_time_stepping(slope, off):
-    """The knee drives a light slide into its limit; another constraint recovers meanwhile."""
+    """The knee drives a light slide into its limit while another constraint recovers from its drift."""
     model = mujoco.MjModel.from_xml_string(LEVER.format(slope=slope, off=off))
     ends = []
     for options in ({}, {"scheme": "time-stepping"}):

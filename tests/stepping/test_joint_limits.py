@@ -1,4 +1,4 @@
-"""Limits of joints and tendons are contacts: exact bounces, rest, several at once, own restitution, rigid and soft."""
+"""Limits of joints and tendons are contacts: exact bounces, rest, several at once, restitution, rigid and soft."""
 
 import math
 from functools import partial
@@ -59,7 +59,7 @@ def test_a_pendulum_bounces_on_its_limits_and_keeps_its_energy():
 
 @pytest.mark.parametrize("integrator", ["Euler", "RK4"])
 def test_what_leans_on_a_limit_rests_there(integrator):
-    """A pendulum that is held up by its upper limit: no hovering, no events once at rest, no drift."""
+    """A pendulum held up by its upper limit: no gap, no events once it is at rest, no drift."""
     model, data = compiled(HINGE, option=f'timestep="0.005" integrator="{integrator}" gravity="-9.81 0 0"')
     stepper = Stepper(model, Moreau(0.3))
     run(stepper, data, 1000)
@@ -82,7 +82,7 @@ def test_a_ball_joint_bounces_at_its_angle():
     "options", [{}, {"contact_model": "soft"}, {"contact_model": "soft", "compiled": "never"}], ids=str
 )
 def test_a_ball_joint_that_spins_keeps_its_energy_under_rk4(options):
-    """Each bounce does, whichever axis it is about; and RK4 between them, where Euler diverges."""
+    """Each bounce conserves energy, about any axis, and so does RK4 between bounces, where Euler diverges."""
     link = '<body pos="0 0 1"><joint type="ball" range="0 50"/><geom type="capsule" fromto="0 0 0 0 0 -.3" size=".03"/>'
     model, data = compiled(link + "</body>", option='timestep="0.01" integrator="RK4"')
     model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
@@ -104,7 +104,7 @@ def test_a_ball_joint_that_spins_keeps_its_energy_under_rk4(options):
 
 
 def test_a_string_becomes_taut():
-    """A mass on a string of length 2 flies off: only the radial velocity is reversed."""
+    """A mass on a string of length 2 flies off: only its radial velocity is reversed."""
     world = """<site name="hook"/>
         <body name="mass" pos="1.2 0 0"><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>
         <geom size=".1" mass="2"/><site name="mass"/></body>"""
@@ -120,7 +120,7 @@ def test_a_string_becomes_taut():
 
 
 def test_a_fixed_tendon_couples_two_carts():
-    """q1 + q2 <= 1: masses 1 and 3, both at 1 m/s; the limit's impulse is the same on both."""
+    """q1 + q2 <= 1: masses 1 and 3, both at 1 m/s; the impulse of the limit is the same on both."""
     world = "".join(
         f'<body pos="0 {y} 0"><joint name="{name}" type="slide" axis="1 0 0"/>'
         f'<geom size=".1" mass="{mass}" condim="1"/></body>'
@@ -136,7 +136,7 @@ def test_a_fixed_tendon_couples_two_carts():
 
 
 def test_limit_and_contact_collide_at_once():
-    """A ball is shot at one that touches it and leans on the end of its rail: the chain has a wall at its end."""
+    """A ball is shot at one that touches it and leans on the end of its rail: the chain ends at a wall."""
     world = "".join(
         f'<body pos="{x} 0 0"><joint name="{name}" type="slide" axis="1 0 0" {limit}/>'
         f'<geom name="{name}" size=".5" mass="1" condim="1"/></body>'
@@ -214,7 +214,7 @@ def test_read_contacts_tells_a_limit():
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "discrete", "RK4"])
 @pytest.mark.parametrize("e", [0.0, 0.5, 0.9])
 def test_soft_stepping_bounces_on_limits(integrator, e):
-    """At a fine step the limit's own spring adds little: the rebound is the law's."""
+    """With a fine timestep the limit's own spring adds little: the rebound is that of the law."""
     model, data = compiled(SLIDE, option=f'gravity="0 0 0" timestep="2e-4" integrator="{integrator}"')
     data.qpos[0], data.qvel[0] = 1.9, 3.0
     stepper = Stepper(model, Moreau(e), contact_model="soft")

@@ -1,4 +1,4 @@
-"""Friction that keeps everything from sliding, and more than rigid steps can resolve."""
+"""Friction that prevents all sliding, and friction that is larger than rigid steps can resolve."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ WAYS = [{}, {"scheme": "time-stepping"}, {"scheme": "time-stepping", "compiled":
 
 
 def box_above(mu, condim=3):
-    """A box 1 cm above a floor."""
+    """Return a box 1 cm above a floor."""
     floor = f'<geom name="floor" type="plane" size="1 1 1" friction="{mu}" condim="1"/>'
     box = f'<freejoint/><geom name="box" type="box" size=".1 .1 .1" mass="1" condim="{condim}"/>'
     return compiled(f'{floor}<body pos="0 0 .11">{box}</body>', option='integrator="RK4"')
@@ -20,25 +20,25 @@ def box_above(mu, condim=3):
 @pytest.mark.parametrize("options", WAYS)
 def test_a_box_sticks_where_it_lands_by_the_largest_friction(options):
     model, data = box_above(1e4)
-    data.qvel[0] = 0.2  # less than it falls: it does not tip
+    data.qvel[0] = 0.2  # slower than its fall, so that it does not tip
     stepper = Stepper(model, Moreau(0), **options)
     for _ in range(50):
         stepper.step(data)
     np.testing.assert_allclose(data.qvel, 0.0, atol=1e-8)
-    assert data.qpos[0] == pytest.approx(0.2 * np.sqrt(2 * 0.01 / 9.81), abs=4e-4)  # m; a timestep early at most
+    assert data.qpos[0] == pytest.approx(0.2 * np.sqrt(2 * 0.01 / 9.81), abs=4e-4)  # m; up to a timestep early
 
 
 @pytest.mark.parametrize("options", WAYS)
 @pytest.mark.parametrize("mu", [1e5, 1e8, 1e12])
 def test_more_is_refused(mu, options):
-    """Time stepping let a box slide a tenth too far by 1e5, and freely by 1e8, and counted no step of that."""
+    """Regression: time stepping let a box slide a tenth too far with 1e5, and freely with 1e8, without counting it."""
     with pytest.raises(SceneError, match=r"friction up to 10000, got .* of floor/box"):
         Stepper(box_above(mu)[0], Moreau(0), **options)
 
 
 @pytest.mark.parametrize("options", [*WAYS, {"contact_model": "soft"}])
 def test_what_is_no_number_is_refused(options):
-    """Rigid steps took a coefficient of NaN for none."""
+    """Regression: rigid steps took a coefficient of NaN for no friction."""
     model, _ = box_above(1)
     model.geom("floor").friction[0] = np.nan
     with pytest.raises(SceneError, match="geom_friction has entries that are not finite"):
@@ -56,7 +56,7 @@ def test_more_is_refused_in_batches_and_allowed_where_it_is_not_used():
 @pytest.mark.parametrize("friction", ["1 1e8 1e-4", "1 .1 1e6"])
 @pytest.mark.parametrize("options", WAYS)
 def test_torsion_and_rolling_that_are_too_large_are_refused(friction, options):
-    """A ball kept all of its 10 rad/s about the normal as it landed, or some, and nothing was counted."""
+    """Regression: a ball kept all or some of its 10 rad/s about the normal as it landed, and no step was counted."""
     floor = f'<geom name="floor" type="plane" size="1 1 1" friction="{friction}" condim="6"/>'
     model, _ = compiled(floor + '<body pos="0 0 .2"><freejoint/><geom name="ball" size=".1"/></body>')
     with pytest.raises(SceneError, match=r"friction up to 10000, got .* of floor/ball"):
@@ -65,7 +65,7 @@ def test_torsion_and_rolling_that_are_too_large_are_refused(friction, options):
 
 @pytest.mark.parametrize("options", WAYS)
 def test_friction_that_becomes_no_number_ends_the_steps(options):
-    """A box slid as on ice."""
+    """Regression: a box slid as on ice."""
     model, data = box_above(1)
     data.qpos[2] = 0.1
     stepper = Stepper(model, Moreau(0), **options)

@@ -1,4 +1,4 @@
-"""What a scene had no need of when its stepper was made and has later: steps refuse to go on without it."""
+"""Features that a scene lacks when its stepper is made but has later: steps refuse to continue without them."""
 
 import copy
 
@@ -19,7 +19,7 @@ OVERRIDE = '<option o_friction=".1 .1 .005 .0001 .0001"><flag override="enable"/
 
 
 def block(geom):
-    """A block on a floor that slides at 2 m/s, both with these attributes."""
+    """Return a block that slides on a floor at 2 m/s; both geoms have these attributes."""
     model, data = compiled(f"""<geom type="plane" size="9 9 1" {geom}/>
       <body pos="0 0 .1"><freejoint/><geom type="box" size=".1 .1 .1" mass="1" {geom}/></body>""")
     data.qvel[0] = 2.0
@@ -89,7 +89,7 @@ rigid_ways = pytest.mark.parametrize("way", [way for way in WAYS if not way.star
     ("name", "value", "lost"), [("geom_friction", 0.1, 0.981), ("geom_friction", 1.0, 9.81), ("geom_condim", 1, 0.0)]
 )
 def test_friction_that_is_changed_later(way, name, value, lost):
-    """What slides loses mu g t of its speed, with the mu of now."""
+    """A sliding block loses the speed mu g t, with the current mu."""
     model, data = block('friction="0.3"')
     stepper = Stepper(model, Moreau(0.0), **WAYS[way])
     stepper.step(data, 50)
@@ -223,7 +223,7 @@ def test_what_is_written_into_a_model_without_belts_is_ignored_as_in_mujoco(way,
 
 @every_way
 def test_friction_of_the_override(way):
-    """All contacts have it in MuJoCo: soft steps take it, rigid ones refuse it."""
+    """The override applies to all of MuJoCo's contacts: soft steps use it, rigid steps refuse it."""
     model, data = block('friction="0 0 0"')
     model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
     model.opt.o_friction[:] = 0.1, 0.1, 0.005, 0.0001, 0.0001
@@ -243,7 +243,7 @@ def test_friction_of_the_override(way):
 @pytest.mark.parametrize("way", ["time-stepping", "time-stepping in Python", "event-driven"])
 @pytest.mark.parametrize("friction", ["coulomb", "convex", "ignore"])
 def test_the_override_that_comes_later(way, friction):
-    """Refused where contacts have friction, and only while it is on."""
+    """It is refused where contacts have friction, and only while it is on."""
     model, data = block("")
     stepper = Stepper(model, Moreau(0.0), friction=friction, **WAYS[way])
     stepper.step(data)
@@ -276,7 +276,7 @@ def test_friction_of_the_override_in_a_batch_and_a_plan(tmp_path, monkeypatch, c
 
 @every_way
 def test_a_child_that_comes_to_meet_its_parent(way):
-    """MuJoCo leaves parents and children out, unless a flag says otherwise; event-driven steps let them pass."""
+    """MuJoCo excludes parents and children, unless a flag is set; event-driven steps would let them pass."""
     model, data = compiled("""<body><joint type="slide" axis="1 0 0"/><geom size=".1"/>
       <body pos="0 0 .5"><joint type="slide" axis="0 0 1"/><geom size=".1"/></body></body>""")
     stepper = Stepper(model, Moreau(0.5), **WAYS[way])
@@ -304,7 +304,7 @@ def test_a_flag_that_is_changed_once_is_looked_at_once(way, monkeypatch):
 
 @every_way
 def test_geoms_with_friction_that_meet_others_later(way):
-    """Geoms without friction meet already."""
+    """Geoms without friction can collide already."""
     model, data = compiled("""<geom type="plane" size="9 9 1" condim="1"/><body pos="0 0 .1"><freejoint/>
       <geom type="box" size=".1 .1 .1" mass="1" condim="1"/>
       <geom size=".05" pos="0 0 -.05" mass="0" condim="3" contype="0" conaffinity="0"/></body>""")

@@ -1,4 +1,4 @@
-"""Which library of MuJoCo compiled code calls, and whom MuJoCo calls back meanwhile."""
+"""The library of MuJoCo that compiled code calls, and callbacks that MuJoCo makes meanwhile."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_a_callback_that_was_set_from_c_is_put_back():
     ids=str,
 )
 def test_steppers_are_made_while_a_callback_is_set_that_is_for_another_scene(way, name):
-    """It is not called with the scenes in which this package tries compiled code for the first time."""
+    """It is not called for the scenes with which this package tests compiled code at first use."""
     (model, data), heard = load("box_drop"), []
     warm_up.cache_clear(), table.cache_clear()
 

@@ -1,4 +1,4 @@
-"""Linkages in a plane, closed by welds or connects, whose hinges are parallel up to the digits they are written in."""
+"""Planar linkages, closed by welds or connects, with hinges that are parallel up to the digits of the file."""
 
 import mujoco
 import numpy as np
@@ -17,11 +17,11 @@ LINKAGE = """<mujoco><compiler angle="radian"/><option timestep="0.001" gravity=
     <body pos=".15 0 1" gravcomp="1"><joint type="slide" axis="0 0 1"/><geom size=".02" mass=".2"/></body>
   </frame></worldbody><equality>{tie}</equality></mujoco>"""
 TIES = {"weld": '<weld body1="a" body2="b"/>', "connect": '<connect body1="a" body2="b" anchor=".1 .01 .1"/>'}
-AS_WRITTEN = "1 1e-6 0 2e-6"  # the hinges' axes differ by some 4e-6 rad
+AS_WRITTEN = "1 1e-6 0 2e-6"  # the axes of the hinges differ by some 4e-6 rad
 
 
 def run(way, tie, quat, *, gravity="0 0 0", turned="0 0 0", thrown=0.0, steps=300):
-    """Return positions and velocities, and how deep contacts were, m."""
+    """Return positions and velocities, and the deepest contact, m."""
     model = mujoco.MjModel.from_xml_string(LINKAGE.format(gravity=gravity, turned=turned, quat=quat, tie=TIES[tie]))
     data, deepest = mujoco.MjData(model), 0.0
     stepper = Stepper(model, Moreau(0.5), **WAYS[way])

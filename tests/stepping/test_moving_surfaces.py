@@ -1,4 +1,4 @@
-"""Surfaces that move by themselves: mocap bodies that carry, hit, swing and jump; exact answers in rigid stepping."""
+"""Moving surfaces: mocap bodies that carry, hit, swing and jump in velocity; exact answers in rigid stepping."""
 
 import math
 from functools import partial
@@ -25,7 +25,7 @@ def ball(name="ball", height=1.0, mass=1.0):
 
 
 def drive(stepper, data, steps, path):
-    """Move the table along a path of heights; return the collisions."""
+    """Move the table along a path of heights, and return the collisions."""
     events = []
     h = stepper.model.opt.timestep
     for _ in range(steps):
@@ -39,7 +39,7 @@ def drive(stepper, data, steps, path):
 @pytest.mark.parametrize("integrator", ["RK4", "Euler"])
 @pytest.mark.parametrize("e", [0.0, 0.6, 1.0])
 def test_a_table_that_rises_at_constant_speed(e, integrator):
-    """As seen from it the ball bounces on a table at rest, from 0.9 m with velocity -u: exact with RK4."""
+    """In its frame the ball bounces on a table at rest, from 0.9 m with velocity -u: exact with RK4."""
     u = 0.5
     model, data = compiled(TABLE + ball(), option=f'timestep="0.01" integrator="{integrator}"')
     stepper = Stepper(model, Newton(e))
@@ -67,7 +67,7 @@ def test_a_table_that_rises_at_constant_speed(e, integrator):
 
 
 def bounces(timestep, periods=4):
-    """Bounce with the period of an oscillating table: errors of impact times and velocities after each impact."""
+    """Return the largest error of impact times and velocities of a ball that bounces in phase with a table."""
     e, omega, A = 0.5, 4 * np.pi, 0.08
     period = 2 * np.pi / omega
     up = 0.5 * G * period
@@ -79,7 +79,7 @@ def bounces(timestep, periods=4):
     model, data = compiled(TABLE + ball(height=0.1), option=f'timestep="{timestep}" integrator="RK4"')
     stepper = Stepper(model, Newton(e))
     data.qpos[0], data.time = 1.0, -5 * timestep
-    drive(stepper, data, 5, path)  # the ball is away, and the table has come to its own velocity
+    drive(stepper, data, 5, path)  # the ball is far away while the table reaches its velocity
     data.qpos[0], data.qvel[0] = path(data.time) + up * data.time, up - G * data.time
     events = drive(stepper, data, round((periods + 0.1) * period / timestep), path)
     assert len(events) == periods
@@ -98,7 +98,7 @@ def test_a_ball_bounces_with_the_period_of_an_oscillating_table():
 
 @pytest.mark.parametrize("integrator", ["RK4", "Euler", "implicitfast"])
 def test_a_ball_at_rest_goes_along_with_the_table(integrator):
-    """Accelerations stay below g: no collision, and the gap stays closed."""
+    """Accelerations stay below g: no collisions, and the gap stays closed."""
     model, data = compiled(TABLE + ball(height=0.1), option=f'timestep="0.005" integrator="{integrator}"')
     stepper = Stepper(model, Newton(0.8))
     drive(stepper, data, 1, lambda t: 0.0)
@@ -118,7 +118,7 @@ def test_a_ball_leaves_a_table_that_falls_faster_than_it():
 
 @pytest.mark.parametrize("law", [MaximalDissipation(), Moreau(1.0), Newton(0.5)])
 def test_a_hammer_blow_under_a_stack(law):
-    """The table jumps to 2 m/s: a collision by itself, in which w- = 0 and w+ = -2 m/s; the stack goes with it."""
+    """The table jumps to 2 m/s, a collision with w- = 0 and w+ = -2 m/s: the stack moves with it."""
     stack = ball("low", 0.1, 1.0) + ball("middle", 0.3, 2.0) + ball("high", 0.5, 3.0)
     model, data = compiled(TABLE + stack, option='timestep="0.01" gravity="0 0 -9.81" integrator="RK4"')
     stepper = Stepper(model, law)
@@ -134,11 +134,11 @@ def test_a_hammer_blow_under_a_stack(law):
     np.testing.assert_allclose(impact.post_velocity, 2.0, rtol=1e-12)
     assert impact.surface_work == pytest.approx(0.5 * 6.0 * 2.0**2)
     assert impact.violations.is_admissible()
-    np.testing.assert_allclose(data.qpos, 0.02, atol=1e-9)  # they ride on it
+    np.testing.assert_allclose(data.qpos, 0.02, atol=1e-9)  # they move with the table
 
 
 def test_what_separates_when_the_table_jumps_is_hit_by_it():
-    """A ball leaves the table at 1 m/s; the table comes after it at 3: gamma- = -2, not the end of a rest."""
+    """A ball leaves the table at 1 m/s and the table follows at 3: gamma- = -2, not the end of a rest."""
     model, data = compiled(TABLE + ball(height=0.1), option='timestep="0.01" gravity="0 0 0"')
     stepper = Stepper(model, Newton(0.5))
     drive(stepper, data, 1, lambda t: 0.0)
@@ -179,7 +179,7 @@ def test_a_fast_thin_plate_does_not_pass_through_a_ball():
 
 
 def test_a_body_put_somewhere_else_does_not_move_there():
-    """After a reset, and before the first step, poses are where bodies are."""
+    """After a reset, and before the first step, a new pose is a new place, not a motion."""
     model, data = compiled(TABLE + ball(height=0.3), option='timestep="0.01" gravity="0 0 0"')
     stepper = Stepper(model, Newton(1.0))
     data.mocap_pos[0, 2] = 0.15
@@ -204,7 +204,7 @@ def test_stepping_is_deterministic_after_a_reset():
 
 @pytest.mark.parametrize("integrator", ["Euler", "RK4"])
 def test_a_box_with_friction_stays_on_a_table_that_swings_gently(integrator):
-    """5 cm at 6 rad/s is less than 2 m/s^2: nothing leaves the table, and nothing collides with it."""
+    """5 cm at 6 rad/s is less than 2 m/s^2: no body leaves the table, and no body collides with it."""
     world = """<body name="t" mocap="true"><geom type="box" size=".5 .5 .05" friction=".8"/></body>
         <body pos="0 0 .15"><freejoint/><geom type="box" size=".1 .1 .1" mass="1" friction=".8"/></body>"""
     model, data = scenes.compiled(world, option=f'timestep="0.01" integrator="{integrator}"')

@@ -1,4 +1,4 @@
-"""The plan of a step: true of the scene, and what it leaves out changes nothing."""
+"""The plan of a step is true of the scene, and the parts that it leaves out have no effect."""
 
 from dataclasses import fields, replace
 
@@ -87,7 +87,7 @@ def test_constant_inertia_is_constant(name):
 
 
 def test_a_changed_mass_counts_though_inertia_was_constant():
-    """Domain randomization changes masses between steps; the law sees the new ones."""
+    """Domain randomization changes masses between steps; the law uses the new ones."""
     model, data = load("ball_chain")
     stepper = Stepper(model, Moreau(1))
     stepper.step(data)
@@ -142,7 +142,7 @@ def test_the_command_refuses_what_rigid_stepping_refuses(monkeypatch, capsys, tm
 
 @pytest.mark.parametrize("contact_model", ["rigid", "soft"])
 def test_a_mocap_body_and_what_stands_still_never_meet(contact_model):
-    """As MuJoCo has it: neither can be moved by an impulse."""
+    """As in MuJoCo, because impulses can move neither of them."""
     sunk = f'<body name="table" mocap="true"><geom name="table" {BOX}/></body>'
     model, _ = compiled(FLOOR + sunk)
     data = mujoco.MjData(model)
@@ -156,7 +156,7 @@ def test_a_mocap_body_and_what_stands_still_never_meet(contact_model):
 
 @pytest.mark.parametrize("contact_model", ["rigid", "soft"])
 def test_belts_that_mujoco_ignores(contact_model):
-    """It looks whether there are any when a scene is compiled."""
+    """MuJoCo only checks for belts when a scene is compiled."""
     model, _ = compiled(FLOOR + body("ball", BALL))
     model.geom_surfacevel[0, 0] = 1.0
     plan = make_plan(model, contact_model)

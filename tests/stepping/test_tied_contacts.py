@@ -1,4 +1,4 @@
-"""Bodies that touch and that equality constraints tie to each other: neither can be met without breaking the other."""
+"""Touching bodies that equality constraints tie to each other: their contact can only act against the constraint."""
 
 import mujoco
 import numpy as np
@@ -37,7 +37,7 @@ def test_no_energy_comes_from_contact_between_tied_bodies(way, tie, shape, e):
     model = mujoco.MjModel.from_xml_string(PAIR.format(shape=shape, equality=TIES[tie]))
     data = mujoco.MjData(model)
     stepper = Stepper(model, Moreau(e), on_inadmissible="project", **WAYS[way])
-    data.qvel[6:] = -0.1, 0.05, 0.0, 0.2, 0.5, 0.3  # which no tie has
+    data.qvel[6:] = -0.1, 0.05, 0.0, 0.2, 0.5, 0.3  # violates every tie
     mujoco.mj_forward(model, data)
     begin, momentum = kinetic_energy(model, data), data.qvel[:3] + data.qvel[6:9]
     for _ in range(300):
@@ -78,7 +78,7 @@ def test_bricks_that_are_tied_fall_and_come_to_rest(way, tie):
     ],
 )
 def test_contacts_that_a_hinge_jams_together_gain_no_energy(tie, e, turned, way):
-    """Each of them can open, but only as another one closes: impulses of a ton times metres per second cancel."""
+    """Each contact can open, but only if another one closes: impulses of a ton times metres per second cancel."""
     bricks, axis = BRICKS.replace("30 20 0", turned), np.zeros(9)
     quat = mujoco.MjModel.from_xml_string(bricks.format(place="9 9 9", equality=TIES[tie])).body("b").quat
     mujoco.mju_quat2Mat(axis, quat)
@@ -106,7 +106,7 @@ BASE = """<mujoco><option timestep="0.002" gravity="0 0 0"/><worldbody>
 @pytest.mark.parametrize("damping", [1e7, 1e9, 1e11])
 @pytest.mark.parametrize("way", WAYS)
 def test_a_base_that_damping_locks_stays_where_it_is(way, damping):
-    """Fetch's base is held by 1e11 N s/m: a collision that moved it would meet that as a force."""
+    """Fetch's base is held by 1e11 N s/m: if a collision moved it, damping would react with a huge force."""
     model = mujoco.MjModel.from_xml_string(BASE.format(damping=damping))
     data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.0), on_inadmissible="project", **WAYS[way])
     data.qvel[6] = -2.0
@@ -127,7 +127,7 @@ THROWN = """<mujoco><option timestep="0.002"/><worldbody><geom type="plane" size
 
 @pytest.mark.parametrize("way", ["time-stepping", "event-driven"])
 def test_glued_bricks_that_fall_askew_come_to_rest(way):
-    """Where only constraints give way, time stepping ends at 44 m/s or rad/s."""
+    """If only constraints give way, time stepping ends at 44 m/s or rad/s."""
     model = mujoco.MjModel.from_xml_string(THROWN)
     data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.5), on_inadmissible="project", **WAYS[way])
     quat, place = np.random.default_rng(0).normal(size=4), np.zeros(3)
@@ -150,7 +150,7 @@ LOOSE = """<mujoco><option timestep=".005"/><worldbody><geom type="plane" size="
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("scale", [0.001, 0.1])
 def test_a_beam_that_a_weld_hardly_turns_falls_onto_the_floor_and_stays_there(way, scale):
-    """Its weld is a joint with a weak spring: taken for a tie of beam and floor, it would let the beam through."""
+    """Its weld acts as a joint with a weak spring: taken for a tie of beam and floor, it would let the beam through."""
     model = mujoco.MjModel.from_xml_string(LOOSE.format(scale))
     data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.5), on_inadmissible="project", **WAYS[way])
     data.qvel[4] = 3.0
@@ -183,9 +183,9 @@ FIVE_BARS = f"""<mujoco><option timestep=".002"><flag energy="enable"/></option>
 @pytest.mark.parametrize("pushed", [0.0, 1e-9, 2e-9, 3e-9, 4e-9])
 @pytest.mark.parametrize("way", ["time-stepping", "time-stepping in Python", "soft", "soft in Python"])
 def test_a_loop_of_five_bars_that_falls_gains_no_energy(way, pushed):
-    """All its axes are parallel: a row of its connect depends on the others, but for what the connect has given way.
+    """All its axes are parallel: one row of its connect depends on the others, up to the drift of the connect.
 
-    Pushed by next to nothing it falls in another way: what holds for one fall alone may be luck.
+    A tiny push makes it fall in another way, because the result of a single fall may be luck.
     """
     model = mujoco.MjModel.from_xml_string(FIVE_BARS)
     data, stepper, energy = mujoco.MjData(model), Stepper(model, Moreau(0.9), **WAYS[way]), []
@@ -196,7 +196,7 @@ def test_a_loop_of_five_bars_that_falls_gains_no_energy(way, pushed):
     assert np.diff(energy).max() < 0.2
 
 
-# each gained 0.2 to 1.3 J in the step that begins here
+# each gained 0.2 to 1.3 J in the step that starts here
 DRIFTED = [
     "0.6294 -0.3715 0.0364 0.568 -0.6396 -0.3846 0.3471 -1.3594 1.1843 -1.4949 1.411"
     " 0.2902 -0.2849 0.261 -11.008 -1.9641 -2.4624 3.0135 -3.2229 3.2326 -2.374",

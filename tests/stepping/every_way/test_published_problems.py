@@ -97,7 +97,7 @@ def rope(beads, mu, pull):
 
 @pytest.mark.parametrize(("way", "options"), [("event-driven", {"overlap": "push-out"}), ("time-stepping", {})])
 def test_a_rope_around_a_drum_holds_what_eytelwein_says(way, options):
-    """A smooth rope holds exp(mu pi) times as much; one with n corners of ``a = pi / n`` each holds the value below."""
+    """A continuous rope holds exp(mu pi) times as much; one with n corners of ``a = pi / n`` holds the value below."""
     beads, mu = 6, 0.3
     tangent = mu * np.tan(np.pi / beads / 2)
     holds = ((1 + tangent) / (1 - tangent)) ** beads
@@ -115,7 +115,7 @@ def test_a_rope_around_a_drum_holds_what_eytelwein_says(way, options):
 @pytest.mark.parametrize("way", RIGID)
 @pytest.mark.parametrize("mu", [9.0, 0.3])
 def test_a_superball_comes_back_from_under_a_table(way, mu):
-    """R. L. Garwin, Kinematics of an ultraelastic rough ball, 1969: bounces on floor, table and floor."""
+    """R. L. Garwin, Kinematics of an ultraelastic rough ball, 1969: three bounces, on floor, table and floor."""
     r, speed, spin = 0.03, np.array([2.0, -3.0]), 5.0
     planes = '<geom type="plane" size="9 9 1"/><geom type="plane" size="9 9 1" pos="0 0 .5" zaxis="0 0 -1"/>'
     ball = f'<body pos="0 0 .1"><freejoint/><geom size="{r}" mass="1"/></body>'

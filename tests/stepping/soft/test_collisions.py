@@ -1,4 +1,4 @@
-"""Soft stepping with collisions: the law exactly at each, MuJoCo in between, divergence seen."""
+"""Soft stepping with collisions: the law exactly at each one, MuJoCo in between, divergence noticed."""
 
 import copy
 
@@ -40,7 +40,7 @@ CHAIN = """<mujoco><option timestep="{h}" integrator="RK4"><flag energy="enable"
   <body pos="0 0 1"><joint type="ball" range="0 50"/><geom type="capsule" fromto="0 0 0 0 0 -.3" size=".03"/>
   <body pos="0 0 -.4"><joint type="ball" pos="0 .1 .05"/><geom type="ellipsoid" size=".07 .06 .05"/></body></body>
   </worldbody></mujoco>"""
-"""Two links, the first of which has a limit."""
+"""Two links, the first one with a limit."""
 
 
 def build(xml, **options):
@@ -51,7 +51,7 @@ def build(xml, **options):
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 @pytest.mark.parametrize("e", [0.0, 0.5, 0.9, 1.0])
 def test_bouncing_ball(integrator, e):
-    """Every collision gives e times the speed, and MuJoCo goes on from there."""
+    """Every collision returns e times the speed, from which MuJoCo continues."""
     model, data = build(BALL, integrator=integrator)
     stepper = Stepper(model, Moreau(e), contact_model="soft")
     speeds = []
@@ -62,7 +62,7 @@ def test_bouncing_ball(integrator, e):
             assert event.contacts.labels == ("floor/ball",)
             assert post == pytest.approx(-e * pre, rel=1e-15, abs=1e-15)
             assert event.impact.violations.is_admissible()
-            if event.time < data.time:  # velocity stage and sensors are those of the velocity after the collision
+            if event.time < data.time:  # the velocity stage and sensors use the velocity after the collision
                 assert data.sensordata[0] == post
                 assert data.energy[1] == pytest.approx(0.5 * post**2, rel=1e-14)
             else:
@@ -80,7 +80,7 @@ def test_bouncing_ball(integrator, e):
 @pytest.mark.parametrize("e", [0.5, 1.0])
 @pytest.mark.parametrize("beside", ["", RESTING], ids=["alone", "beside a contact"])
 def test_rk4_does_not_look_ahead_into_a_collision(timestep, e, beside):
-    """Soft force of RK4's later stages would make e = 1 an effective 0.6 at 5 ms."""
+    """The soft force of RK4's later stages would turn e = 1 into an effective 0.6 at 5 ms."""
     model, data = build(BALL.replace("</worldbody>", beside + "</worldbody>"), integrator="RK4")
     model.opt.timestep = timestep
     stepper = Stepper(model, Moreau(e), contact_model="soft")
@@ -104,7 +104,7 @@ def test_rk4_does_not_look_ahead_into_a_collision(timestep, e, beside):
     ],
 )
 def test_rk4_does_not_look_ahead_into_a_collision_while_another_contact_opens(joint, compiled):
-    """There are as many contacts and limits at the end of the step as at its start, but others."""
+    """There are as many contacts and limits at the end of the step as at its start, but different ones."""
     rising = f'<body pos=".5 0 .0999999"><joint type="slide" {joint}</body>'
     model, data = build(BALL.replace("</worldbody>", rising + "</worldbody>"), integrator="RK4")
     model.opt.timestep = 0.01
@@ -116,7 +116,7 @@ def test_rk4_does_not_look_ahead_into_a_collision_while_another_contact_opens(jo
 
 @pytest.mark.parametrize("compiled", ["auto", "never"])
 def test_rk4_does_not_look_ahead_into_a_limit_while_that_of_a_tendon_opens(compiled):
-    """Joint and tendon are both the first of their kind, so that their limits have one id."""
+    """Joint and tendon are both the first of their kind, so that their limits have the same id."""
     limited = BALL.replace('name="z"', 'name="z" range="-.39 9"')
     rising = """<body pos=".5 0 1"><joint name="up" type="slide" axis="0 0 1"/><geom size=".1"/></body></worldbody>
         <tendon><fixed range="1e-7 9"><joint joint="up" coef="1"/></fixed></tendon>"""
@@ -131,7 +131,7 @@ def test_rk4_does_not_look_ahead_into_a_limit_while_that_of_a_tendon_opens(compi
 @pytest.mark.parametrize("compiled", ["auto", "never"])
 @pytest.mark.parametrize("h", [0.01, 0.005])
 def test_rk4_is_left_in_a_step_that_ends_in_a_collision(h, compiled):
-    """The chain turns by up to half a radian in a step; Euler, to which such steps fell back, made it diverge."""
+    """The chain turns by up to half a radian per step. Regression: such steps used Euler, and the chain diverged."""
     model = mujoco.MjModel.from_xml_string(CHAIN.format(h=h))
     data, alone = mujoco.MjData(model), copy.copy(model)
     data.qvel[:] = 6.0, 3.0, 5.0, 1.0, 2.0, 3.0
@@ -154,7 +154,7 @@ def test_rk4_is_left_in_a_step_that_ends_in_a_collision(h, compiled):
 
 
 def test_a_meeting_in_free_space():
-    """Nothing but the law acts between two balls: e = 1 exchanges their velocities."""
+    """Only the law acts between two balls: e = 1 exchanges their velocities."""
     xml = """<mujoco><option gravity="0 0 0" timestep="0.001"/><worldbody>
       <body name="a" pos="0 0 0"><joint type="slide" axis="1 0 0"/><geom type="sphere" size=".1" mass="1"/></body>
       <body name="b" pos=".201 0 0"><joint type="slide" axis="1 0 0"/><geom type="sphere" size=".1" mass="1"/></body>
@@ -185,7 +185,7 @@ def test_a_box_that_falls_flat_collides_once_with_four_contacts():
 @pytest.mark.parametrize("law", [MaximalDissipation(), Moreau(0.5), Moreau(0.9), Newton(0.7)], ids=repr)
 @pytest.mark.parametrize("compiled", ["auto", "never"])
 def test_every_collision_of_a_heap_is_admissible(compiled, integrator, law):
-    """Events of compiled steps have velocities as they were, and on faces impulses that are fitted to these."""
+    """Events of compiled steps have exact velocities; on faces their impulses are fitted to these."""
     model, data = build(HEAP, integrator=integrator)
     events = run(Stepper(model, law, contact_model="soft", compiled=compiled), data, 600)
     assert len(events) > 10
@@ -230,7 +230,7 @@ def test_divergence_is_seen(integrator, break_it, steps, autoreset):
     if not autoreset:
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     stepper = Stepper(model, Moreau(0.5), contact_model="soft")
-    for _ in range(2):  # again after a reset
+    for _ in range(2):  # also after a reset
         mujoco.mj_resetData(model, data)
         for _ in range(steps):
             stepper.step(data)
@@ -261,7 +261,7 @@ def test_rigid_steps_have_no_halves():
 @pytest.mark.parametrize("options", [{"law": Poisson(0.5)}, {"law": Moreau(0.5), "contacts": "*"}], ids=["law", "some"])
 @pytest.mark.parametrize("landing", [1, 100])
 def test_boxes_bounce_whatever_others_there_are(options, landing):
-    """The collision of one takes some milliseconds in Python: others must not use up the work allowed, nor share it."""
+    """A collision of one box takes milliseconds in Python: other boxes must neither use up nor share its work."""
     boxes = "".join(
         f'<body pos="{0.3 * i} 0 {5.0 if i >= landing else 0.1001}"><freejoint/>'
         '<geom type="box" size=".1 .1 .1" mass="1"/></body>'

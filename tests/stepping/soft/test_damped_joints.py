@@ -1,4 +1,4 @@
-"""Light fingers with stiff joints, squeezed between their limits and a palm, do not burst."""
+"""Light fingers with stiff joints do not explode when squeezed between their limits and a palm."""
 
 import itertools
 
@@ -16,7 +16,7 @@ LINK = """<joint name="{0}" axis="0 1 0" range="0 60" limited="true" damping="{1
 
 
 def finger(damping, inertia, overlap):
-    """Two links that servos bend and stretch over a palm; h D is 4 to 67 times their moments of inertia."""
+    """Return two links over a palm, bent and stretched by servos; h D is 4 to 67 times their moments of inertia."""
     first, second = (LINK.format(name, damping, inertia) for name in "ab")
     return compiled_scene(
         f"""<geom type="box" size=".05 .05 .02" pos="0 0 {overlap - 0.02}"/>
@@ -54,7 +54,7 @@ ARM = """<joint axis="0 1 0" damping="1"/><geom type="capsule" fromto="0 0 0 .16
 
 
 def largest_gain(step, model, data):
-    """The largest part of its kinetic energy at the start that a scene gains in one step."""
+    """Return the largest gain of a scene's energy in one step, relative to its initial kinetic energy."""
     energies = []
     for _ in range(40):
         energies.append(0.5 * data.qvel @ mass_matrix(model, data) @ data.qvel)
@@ -68,7 +68,7 @@ def largest_gain(step, model, data):
     [((0.177, -0.049), (18.2, 5.9), 0.72), ((0.16, -0.115), (18.4, 6.7), 3.4), ((0.08, -0.22), (17.3, 14.9), 0.25)],
 )
 def test_damping_does_not_throw_what_an_arm_hits(angles, speeds, mass, compiled):
-    """Two links that turn with h D = 2 M, in the second of them, hit a bar that turns."""
+    """Two links, the second with h D = 2 M, turn and hit a bar that turns."""
     inner, outer = ARM.format('contype="0" conaffinity="0"'), ARM.format("")
     model, data = compiled_scene(
         f"""<body>{inner}<body pos=".18 0 0">{outer}</body></body>
@@ -93,9 +93,9 @@ def test_damping_does_not_throw_what_an_arm_hits(angles, speeds, mass, compiled)
 )
 @pytest.mark.parametrize("friction", ["convex", "ignore"])
 def test_compiled_steps_are_those_in_python(damping, inertia, integrator, friction):
-    """With the first link flat on the palm: the normal of one of its contacts meets the axis of its hinge.
+    """The first link is flat on the palm: the normal of one of its contacts intersects the axis of its hinge.
 
-    With friction, that contact and a limit that closes with it leave no restitution in some steps.
+    With friction, this contact and a limit that closes with it leave no restitution in some steps.
     """
     model, data = finger(damping, inertia, 5e-4)
     model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
@@ -109,7 +109,7 @@ def test_compiled_steps_are_those_in_python(damping, inertia, integrator, fricti
         ours.step(data)
         python.step(other)
         speeds = [other.qvel, *(event.impact.collision.pre_velocity for event in python.events)]
-        fastest = np.abs(speeds).max()  # a jam can stop all that moves
+        fastest = np.abs(speeds).max()  # a jam can stop all motion
         np.testing.assert_allclose(data.qvel, other.qvel, rtol=0.0, atol=1e-10 * fastest)
         assert ours.sums.collisions == python.sums.collisions
         collisions += ours.sums.collisions
@@ -120,7 +120,7 @@ def test_compiled_steps_are_those_in_python(damping, inertia, integrator, fricti
 
 @pytest.mark.parametrize("bodies", [0, 4, 40])
 def test_a_damped_joint_leaves_other_bodies_alone(bodies):
-    """Where one joint is all but locked, the collisions of all are found with other factors of the mass matrix."""
+    """Where damping almost locks one joint, the mass matrix is factored differently for all collisions."""
     joint = '<joint type="hinge" axis="0 1 0" limited="true" range="-.1 .1" damping="{}"/>'
     links = "".join(
         f'<body pos="{i} 0 0">{joint.format(damping)}<geom size=".05" pos=".2 0 0"/></body>'
@@ -145,7 +145,7 @@ def test_a_damped_joint_leaves_other_bodies_alone(bodies):
 
 
 def carriage(damping, option=""):
-    """A carriage of 4 kg that comes down at 1 m/s on a finger of two light links, on the floor and with data."""
+    """Return a carriage of 4 kg that falls at 1 m/s on a finger of two light links, and the data."""
     model, data = compiled_scene(
         f"""<geom type="plane" size="1 1 1"/><body pos="0 0 .12"><joint type="slide" axis="0 0 1"/>
             <geom type="box" size=".03 .03 .01" mass="4" contype="0" conaffinity="0"/>
@@ -160,7 +160,7 @@ def carriage(damping, option=""):
 
 
 def rises(step, model, data):
-    """Return the energies that 60 steps add, J."""
+    """Return the energy gains of 60 steps, J."""
     copied, energies = mujoco.MjData(model), []
     model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
     for _ in range(60):
@@ -175,7 +175,7 @@ def rises(step, model, data):
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "implicit", "discrete"])
 @pytest.mark.parametrize(("damping", "restitution"), list(itertools.product([0.01, 0.05, 0.3, 1.0], [0.0, 0.5])))
 def test_light_links_throw_no_carriage(damping, restitution, integrator, compiled):
-    """Of 6.7 J, up to 5.2 were created where MuJoCo's contacts answered the damping of links that a collision moved."""
+    """Regression: of 6.7 J, up to 5.2 J were created because MuJoCo's contacts balanced the damping of moved links."""
     model, data = carriage(damping, f'integrator="{integrator}"')
     stepper = Stepper(model, Moreau(restitution), contact_model="soft", compiled=compiled)
     assert rises(stepper.step, model, data).max() < 0.02
@@ -212,7 +212,7 @@ def test_steps_that_touch_nothing_are_those_of_mujoco():
 
 @pytest.mark.parametrize("options", ['solver="PGS"', 'noslip_iterations="3"'])
 def test_other_solvers_of_mujoco_take_the_mass_matrix_that_they_have_made_before(options):
-    """Compiled or not; energy is created there."""
+    """Compiled and Python steps agree, although energy is created there."""
     model, data = carriage(0.05, options)
     ours, python = (Stepper(model, Moreau(0.5), contact_model="soft", compiled=how) for how in ("auto", "never"))
     other = mujoco.MjData(model)

@@ -1,4 +1,4 @@
-"""Limits of joints that a constraint drives: they act by the motion that it allows, not because it gives way."""
+"""Limits of joints driven by a constraint: they act by the motion that it allows, not through its drift."""
 
 import mujoco
 import numpy as np
@@ -11,7 +11,7 @@ KNEE = """<body><joint name="knee" axis="0 1 0" {limit}/><geom size=".1" pos="0 
     <body pos="0 0 -.4"><joint name="slip" type="slide" axis="1 0 0" range="0 .1" armature=".01"/>
     <geom size=".1" mass=".1"/></body></body>"""
 COUPLING = '<equality><joint joint1="slip" joint2="knee" polycoef="0 .003 0 0 0"/></equality>'
-"""A knee whose shank slips by 3 mm per radian, as those of musculoskeletal models; both joints end at 0."""
+"""A knee whose shank slips by 3 mm per radian, as in musculoskeletal models; both joints have a limit at 0."""
 WAYS = [{"compiled": "auto"}, {"compiled": "never"}]
 
 
@@ -28,7 +28,7 @@ def stepped(limit, velocity, law, **way):
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("e", [0.0, 0.5])
 def test_drift_is_not_made_up_for_by_the_joint_that_drives(e, way):
-    """The knee alone stops the slip of 1 cm/s only when it turns by 3.3 rad/s more."""
+    """The knee could stop the slip of 1 cm/s alone, but only by turning 3.3 rad/s faster."""
     event, data = stepped('range="0 120"', (-1.0, -0.01), Moreau(e), **way)
     assert event.contacts.labels == ("knee",)
     np.testing.assert_allclose(event.impact.post_contact_velocity, e, atol=1e-9)
@@ -38,7 +38,7 @@ def test_drift_is_not_made_up_for_by_the_joint_that_drives(e, way):
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("drift", [0.0, 1e-5])
 def test_a_driven_limit_stops_what_drives_it(drift, way):
-    """Where nothing, or next to nothing, drifts, the limit of the slip is one of the knee: -35 rad/s become 17.5."""
+    """With little or no drift, the limit of the slip acts as a limit of the knee: -35 rad/s become 17.5."""
     event, data = stepped("", (-35.0, -0.105 - drift), Moreau(0.5), **way)
     assert event.contacts.labels == ("slip",)
     np.testing.assert_allclose(data.qvel[0], 17.5, rtol=0.02)
@@ -46,7 +46,7 @@ def test_a_driven_limit_stops_what_drives_it(drift, way):
 
 @pytest.mark.parametrize("way", WAYS)
 def test_a_driven_limit_at_rest_holds_what_drives_it(way):
-    """A ball hits the knee, whose only end is that of the slip, which drifts by as much as solvers leave."""
+    """A ball hits the knee, whose only limit is that of the slip, which drifts as much as solvers leave."""
     ball = """<body pos="-.1999 0 -.4"><joint type="slide" axis="1 0 0"/><geom size=".1" mass="1"/></body>"""
     model, data = compile_scene(KNEE.format(limit="") + ball, COUPLING, option='gravity="0 0 0"', geom='condim="1"')
     data.qpos[1], data.qvel[:] = -1e-6, (0.0, -1e-9, 1.0)
@@ -65,12 +65,12 @@ FINGER = """<geom type="plane" size="5 5 .1"/>
      <geom type="capsule" fromto="0 0 0 0 0 -.04" size=".004"/></body></body>
    <body name="follower" pos=".01 0 -.02"><joint axis="0 1 0"/>
     <geom type="capsule" fromto="0 0 0 .03 0 -.03" size=".004"/></body></body>"""
-"""A finger of four bars that `LOOP` closes; a joint of it is at its end."""
+"""A finger of four bars that `LOOP` closes; one of its joints is at its limit."""
 LOOP = '<equality><connect body1="coupler" body2="follower" anchor="0 0 -.02"/></equality>'
 
 
 def thrown(rng, model, data):
-    """The finger, pulled apart by millimetres, with velocities that the loop has but for a tenth at most."""
+    """Set the finger, pulled apart by millimetres, to velocities that violate the loop by a tenth at most."""
     mujoco.mj_resetData(model, data)
     data.qpos[:] = 0.0, np.deg2rad(0.5) + 1e-4, *rng.uniform(-0.02, 0.02, 2)
     mujoco.mj_forward(model, data)
@@ -82,7 +82,7 @@ def thrown(rng, model, data):
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
 def test_constraints_that_give_way_do_not_drive_collisions(e, way):
-    """Of the energy of each collision, that of its jump of velocity, a fiftieth at most can come out of the loop."""
+    """At most a fiftieth of the energy of a collision's velocity jump may come from the loop."""
     rng, collisions = np.random.default_rng(0), 0
     model, data = compile_scene(FINGER, LOOP, option='timestep="2e-3" jacobian="dense"')
     for _ in range(100):

@@ -1,4 +1,4 @@
-"""Contacts of flexes are MuJoCo's; the law is for those of geoms beside them."""
+"""Contacts of flexes are MuJoCo's; the law acts on contacts of geoms beside them."""
 
 import mujoco
 import pytest

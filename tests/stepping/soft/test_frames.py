@@ -1,4 +1,4 @@
-"""Collisions of an upright capsule on a tilted plane, whose tangents MuJoCo does not lay in the tangent plane."""
+"""Collisions of an upright capsule on a tilted plane, where MuJoCo's tangents are not in the tangent plane."""
 
 import mujoco
 import numpy as np
@@ -29,7 +29,7 @@ EVERY = [(plane, capsule) for plane in TURNED for capsule in UPRIGHT]
 
 
 def collision(plane, law, velocity, *, capsule=UPRIGHT["as it is"], how="never", friction=".3", condim=3, **options):
-    """The impact of a capsule on a plane, and the velocity after the step, both in the frame of the plane."""
+    """Return the impact of a capsule on a plane, and the velocity after the step, both in the frame of the plane."""
     xml = CAPSULE.format(
         plane=text(np.roll(plane.as_quat(), 1)),
         capsule=text(np.roll((plane * capsule).as_quat(), 1)),
@@ -55,7 +55,7 @@ def text(numbers):
 
 
 def closed_form(impact, velocity, e, mu):
-    """The velocity after it: friction is m (1 + e) u, or what makes the point of contact stick."""
+    """Return the velocity after the impact: friction takes mu (1 + e) u, or makes the contact point stick."""
     inertia, arm = impact.collision.mass_matrix[9, 9], ARM + 0.5 * GAP
     slip = np.array(velocity[:2])
     most = np.linalg.norm(slip) / (1.0 + arm**2 / inertia)
@@ -76,7 +76,7 @@ def test_an_upright_capsule_slides_or_sticks(e, cone, how):
             )  # fmt: skip
             expected, where = closed_form(impact, velocity, e, mu), f"{plane}, {capsule}, {mu}"
             np.testing.assert_allclose(after, expected, rtol=0, atol=1e-7, err_msg=where)
-            if e > 0.0:  # it separates, so that MuJoCo's contacts leave it alone
+            if e > 0.0:  # it separates, so that MuJoCo's contacts do not act on it
                 np.testing.assert_allclose(left, expected, rtol=0, atol=1e-7, err_msg=where)
 
 

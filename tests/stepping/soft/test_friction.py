@@ -1,4 +1,4 @@
-"""Soft stepping's collisions have the friction of the scene; what they do not reach stays MuJoCo's."""
+"""Collisions of soft steps have the friction of the scene; other contacts stay MuJoCo's."""
 
 import mujoco
 import numpy as np
@@ -33,9 +33,9 @@ def first_impact(law, **options):
 @pytest.mark.parametrize("cone", ["pyramidal", "elliptic"])
 @pytest.mark.parametrize("e", [0.0, 0.5])
 def test_a_ball_slides_or_rolls_away(e, cone, compiled_option):
-    """Solid sphere, I = 2/5 m r^2: it loses mu (1 + e) u by sliding, at most 2/7 of its speed, with which it rolls.
+    """Solid sphere, I = 2/5 m r^2: it loses mu (1 + e) u by sliding, at most 2/7 of its speed, after which it rolls.
 
-    The contact point is in the middle of the overlap, a little nearer to the centre than r.
+    The contact point is in the middle of the overlap, slightly closer to the centre than r.
     """
     for mu in (0.1, 0.9):
         event = first_event(Moreau(e), mu=mu, cone=cone, compiled=compiled_option)
@@ -116,7 +116,7 @@ def test_a_robot_stands_as_high_as_under_mujoco(integrator):
 
 
 def trestle():
-    """A weight on two legs with springs in their hinges, which would spread without friction; it falls 10 cm."""
+    """Return a weight on two legs with springs in their hinges, which spread without friction; it falls 10 cm."""
     x, z = 0.4 * np.sin(np.pi / 9), 0.4 * np.cos(np.pi / 9)
     legs = "".join(
         f'<body name="{name}"><joint axis="0 1 0" stiffness="20" damping=".5"/><geom type="capsule" size=".01" '

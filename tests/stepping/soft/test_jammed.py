@@ -1,4 +1,4 @@
-"""Bodies that jam do not end a run under soft steps; a law that does not fit its contacts does."""
+"""Bodies that jam do not end a run of soft steps; a law that does not fit its contacts does."""
 
 import gymnasium as gym
 import mujoco
@@ -58,7 +58,7 @@ def test_impulses_are_found_from_inside_of_the_cones(compiled):
 
 @pytest.mark.parametrize(("scene", "e"), [("jam", 0.0), ("jam", 0.5), ("slider", 0.5)])
 def test_no_problem_is_solved_twice(scene, e, monkeypatch):
-    """Nor from a point where it was solved from before; a step that loses its restitution is counted all the same."""
+    """Nor is it solved twice from the same start; a step that loses its restitution is counted."""
     asked, answer = [], solve.compiled_answer
 
     def once(problem, guess, rounds, **options):
@@ -92,13 +92,13 @@ def test_an_environment_tells_such_steps(tmp_path):
 COUPLED = """<body><joint name="knob" axis="0 0 1" range="0 60"/><geom size=".1"/></body>
     <body pos="1 0 0"><joint name="slide" type="slide" range="-1 0"/><geom size=".1"/></body>"""
 COUPLING = '<equality><joint joint1="knob" joint2="slide" polycoef="0 1 0 0 0"/></equality>'
-"""A knob that turns a slide: their limits close against each other."""
+"""A knob coupled to a slide: their limits close against each other."""
 
 
 @pytest.mark.parametrize("e", [0.0, 0.5])
 def test_a_constraint_that_gives_way_lets_limits_act(e):
     model, data = compile_scene(COUPLED, COUPLING, option='gravity="0 0 0"')
-    data.qpos[:], data.qvel[:] = (-1e-3, 1e-3), (-1.0, 1.0)  # which the coupling does not have
+    data.qpos[:], data.qvel[:] = (-1e-3, 1e-3), (-1.0, 1.0)  # violates the coupling
     stepper = Stepper(model, Moreau(e), contact_model="soft")
     stepper.step(data)
     impact = stepper.events[0].impact
@@ -108,7 +108,7 @@ def test_a_constraint_that_gives_way_lets_limits_act(e):
 
 
 def test_a_law_that_does_not_fit_is_still_told():
-    """The law lifts a block on which a ball falls; a rope would push what hangs on its other end into the floor."""
+    """The law lifts a block that a ball hits; a rope would push the body at its other end into the floor."""
     world = """<geom name="floor" type="plane" size="9 9 1"/>
         <body pos="0 0 .1"><joint name="a" type="slide" axis="0 0 1"/><geom name="block" size=".1"/></body>
         <body pos="1 0 .1"><joint name="b" type="slide" axis="0 0 1"/><geom name="other" size=".1"/></body>
@@ -122,7 +122,7 @@ def test_a_law_that_does_not_fit_is_still_told():
 
 
 def slider(world=""):
-    """A ball on a slide that meets the floor at 30 degrees: friction of 1 lets it stop, but not go back."""
+    """Return a ball on a slide that hits the floor at 30 degrees: friction of 1 lets it stop, but not return."""
     model, data = compile_scene(
         f"""<geom type="plane" size="9 9 1"/><body pos="0 0 .0999"><joint type="slide" axis="-.866 0 .5"/>
         <geom name="jammed" size=".1" mass="1"/></body>{world}""",
@@ -153,7 +153,7 @@ def test_restitution_that_has_no_solution_is_not_searched_for_long(e, monkeypatc
 
 @pytest.mark.parametrize("compiled", ["auto", "never"])
 def test_bodies_that_jam_leave_others_their_restitution(compiled):
-    """Where there are many contacts, and those of others are problems of their own."""
+    """There are many contacts, and those of other bodies are separate problems."""
     boxes = "".join(
         f'<body pos="{x} 0 .0999"><freejoint/><geom name="{x}" type="box" size=".1 .1 .1"/></body>' for x in (2, 4, 6)
     )
@@ -171,7 +171,7 @@ BOXES = "".join(f'<body pos="{i} 0 .0999"><freejoint/><geom type="box" size=".1 
 
 @pytest.mark.parametrize(("part", "work"), [("gap_gradients", 0.5), ("Closed.coupled", 1.5)])
 def test_what_takes_too_much_work_is_not_begun(part, work, monkeypatch):
-    """Dense matrices of thousands of degrees of freedom took 10 s before the work was found to be too much."""
+    """Regression: dense matrices of thousands of degrees of freedom took 10 s before the work was found too much."""
     module = "impactlaw.stepping.collisions." if "." in part else "impactlaw.stepping.soft.collisions."
     monkeypatch.setattr("impactlaw.stepping.soft.collisions.WORK", work)
     monkeypatch.setattr(module + part, lambda *_: pytest.fail("it is built all the same"))
@@ -187,14 +187,14 @@ def test_what_takes_too_much_work_is_not_begun(part, work, monkeypatch):
 
 
 class NeverFound(Moreau):
-    """Restitution for which no impulses in the friction cones are found."""
+    """A law for which no impulses in the friction cones are found with restitution."""
 
     def target(self, collision):
         raise SolverError("none were found")
 
 
 def test_a_collision_without_a_solution_has_no_restitution():
-    """Friction can leave one of several collisions of a step without one, though each would have one with e = 0."""
+    """With friction one of several collisions of a step may have no solution, though each has one with e = 0."""
     world = """<geom name="floor" type="plane" size="9 9 1"/>
         <body pos="0 0 .0999"><freejoint/><geom type="box" size=".1 .1 .1"/></body>"""
     model, data = compile_scene(world)
@@ -210,7 +210,7 @@ def test_a_collision_without_a_solution_has_no_restitution():
 
 @pytest.mark.parametrize(("work", "some"), [(200.0, False), (1.0, True)])
 def test_what_takes_too_much_work_is_left_to_mujoco_and_counted(work, some, monkeypatch):
-    """Four corners of a box with friction take some units of work, with restitution and without."""
+    """Four corners of a box with friction take some units of work, both with and without restitution."""
     monkeypatch.setattr("impactlaw.stepping.soft.collisions.WORK", work)
     model, data = compile_scene(
         '<geom type="plane" size="9 9 1"/><body pos="0 0 .0999"><freejoint/><geom type="box" size=".1 .1 .1"/></body>'

@@ -1,4 +1,4 @@
-"""Soft stepping gives mocap bodies the velocity that MuJoCo does not: the law's collisions are those of rigid steps."""
+"""Soft stepping gives mocap bodies velocities, which MuJoCo does not: collisions are those of rigid steps."""
 
 import math
 
@@ -34,7 +34,7 @@ def drive(model, data, step, path, steps):
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 @pytest.mark.parametrize("w", [0.5, 1.5, -0.3])
 def test_a_paddle_hits_with_its_own_velocity(integrator, w):
-    """v+ = -e v- + (1 + e) w, as exact as v- is: the contact is seen up to a step late."""
+    """v+ = -e v- + (1 + e) w, as exact as v-, because a contact is seen up to a step late."""
     e = 0.8
     model, data = compiled(integrator)
     stepper, events = Stepper(model, Newton(e), contact_model="soft"), []
@@ -55,7 +55,7 @@ def test_a_paddle_hits_with_its_own_velocity(integrator, w):
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_a_ball_at_rest_is_struck_by_a_rising_table(integrator):
-    """Without gravity: the ball is at rest, MuJoCo's rows say that nothing closes, and the law gives (1 + e) w."""
+    """Without gravity the ball is at rest and MuJoCo's rows show no closing contact, but the law gives (1 + e) w."""
     model, data = compiled(integrator, height=0.3, gravity=0.0)
     stepper, events = Stepper(model, Newton(0.5), contact_model="soft"), []
 
@@ -73,7 +73,7 @@ def test_a_ball_at_rest_is_struck_by_a_rising_table(integrator):
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_steps_without_a_collision_are_those_of_mujoco(integrator):
-    """A ball that rests on a table, which rises gently, is MuJoCo's matter: bit for bit."""
+    """A ball at rest on a table that rises gently is left to MuJoCo, bit for bit."""
     runs = []
     for soft in (True, False):
         model, data = compiled(integrator, height=0.1)
@@ -121,7 +121,7 @@ def test_only_scenes_in_which_a_mocap_body_collides_look():
     ],
 )
 def test_a_belt_does_not_throw_a_leg_that_jams(angles, velocity, belt):
-    """Between a belt and a deck: the belt bends a knee that is nearly straight, which takes any energy out of it."""
+    """A leg between a belt and a deck: the belt bends an almost straight knee, which takes almost no energy."""
     hip, knee = math.cos(angles[0]), math.cos(sum(angles))
     model, data = scenes.compiled(
         f"""<geom type="plane" size="9 9 1" surfacevel="{belt} 0 0 0 0 0"/>
@@ -138,5 +138,5 @@ def test_a_belt_does_not_throw_a_leg_that_jams(angles, velocity, belt):
     before = scenes.energy(model, data)
     stepper = Stepper(model, Moreau(0.0), contact_model="soft")
     stepper.step(data)
-    assert scenes.energy(model, data) < before + 2.0 * belt**2  # 2 kg that follow it, with twice its speed
+    assert scenes.energy(model, data) < before + 2.0 * belt**2  # 2 kg that move with the belt, at twice its speed
     assert stepper.short_steps == 1

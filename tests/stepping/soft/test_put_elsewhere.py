@@ -1,4 +1,4 @@
-"""States that are written between steps: each step begins with what touches then, whatever was met before."""
+"""States that are written between steps: each step detects contacts anew, whatever the last one found."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from impactlaw import Moreau, Stepper
 
 
 def ball(integrator):
-    """A ball high above a floor, after one step, and its stepper."""
+    """Return a ball high above a floor after one step, and its stepper."""
     return compiled(
         '<geom type="plane" size="1 1 1"/><body pos="0 0 1"><freejoint/><geom size=".1" condim="1"/></body>',
         option=f'integrator="{integrator}"',

@@ -1,4 +1,4 @@
-"""Contacts that are tuned to bounce by themselves add nothing to what the law decides."""
+"""Contacts that are tuned to bounce add no speed to the outcome of the law."""
 
 import mujoco
 import numpy as np
@@ -21,7 +21,7 @@ def model_of(solref=TABLE_TENNIS, integrator="Euler", cone="pyramidal", condim=3
 
 
 def effective(model, advance, height):
-    """Return the ratio of the largest speed after the first collision to the one before."""
+    """Return the ratio of the largest speed after the first collision to the speed before."""
     data = mujoco.MjData(model)
     data.qpos[2] += height
     before = after = 0.0
@@ -102,7 +102,7 @@ GRIP = """<mujoco><option timestep="0.002"/><default><geom solref="-10000 -30" t
 
 @pytest.mark.parametrize("compiled", ["auto", "never"])
 def test_a_strong_grip_is_that_of_mujoco(compiled):
-    """Fingers that close slowly press 40 N on 20 g: the springs are deep, and nothing moves fast."""
+    """Fingers that close slowly press 40 N on 20 g: the springs are compressed, but no body moves fast."""
     model = mujoco.MjModel.from_xml_string(GRIP)
     ours, plain = mujoco.MjData(model), mujoco.MjData(model)
     stepper = Stepper(model, Moreau(0.5), contact_model="soft", compiled=compiled)
@@ -116,7 +116,7 @@ def test_a_strong_grip_is_that_of_mujoco(compiled):
 
 @pytest.mark.parametrize("solref", [TABLE_TENNIS, ".02 1"])
 def test_springs_that_are_not_made_yet_are_not_looked_at(monkeypatch, solref):
-    """The integrator "discrete" makes them in `mj_step2`: before, ``efc_KBIP`` is what was in memory."""
+    """The integrator "discrete" computes them in `mj_step2`; earlier ``efc_KBIP`` holds old memory."""
     model, data = model_of(solref, "discrete"), None
     stepper = Stepper(model, Moreau(0.5), contact_model="soft", compiled="never")
     monkeypatch.setattr(stepper.stepping.collisions, "bounces", lambda data: 1 / 0)

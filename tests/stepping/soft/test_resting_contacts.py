@@ -1,4 +1,4 @@
-"""A body that rests on several soft contacts is hit: all take part, though some tremble open."""
+"""A body at rest on several soft contacts is hit: all of them take part, though some open slightly."""
 
 import mujoco
 import numpy as np
@@ -30,7 +30,7 @@ def hit(integrator, code, e, height, wobble=0.0):
 @pytest.mark.parametrize("code", ["auto", "never"])
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_a_box_on_four_corners_stays_where_it_is(integrator, code):
-    """The outcome is that of five contacts at once: the ball leaves with e times its speed."""
+    """The outcome is that of five simultaneous contacts: the ball leaves with e times its speed."""
     for e, height in ((0.0, 5.0), (0.5, 1.0), (0.5, 5.0), (0.5, 12.0)):
         velocity, stepper, speed = hit(integrator, code, e, height)
         assert [len(event.contacts) for event in stepper.events] == [5]
@@ -43,7 +43,7 @@ def test_a_box_on_four_corners_stays_where_it_is(integrator, code):
 @pytest.mark.parametrize("code", ["auto", "never"])
 @pytest.mark.parametrize("wobble", [1e-12, 1e-9, 1e-6, 1e-3])
 def test_how_it_trembles_does_not_decide(wobble, code):
-    """Two corners open by up to 1e-4 m/s: the outcome is the same but for some of that."""
+    """Two corners open by up to 1e-4 m/s: the outcome changes only by some of that."""
     still, _, _ = hit("Euler", code, 0.5, 5.0)
     velocity, stepper, _ = hit("Euler", code, 0.5, 5.0, wobble)
     assert velocity == pytest.approx(still, abs=20 * wobble + 1e-7)
@@ -53,7 +53,7 @@ def test_how_it_trembles_does_not_decide(wobble, code):
 @pytest.mark.parametrize("code", ["auto", "never"])
 @pytest.mark.parametrize(("opening", "contacts"), [(0.009, [2]), (0.011, [1, 2])])
 def test_what_separates_is_hit_afterwards(opening, contacts, code):
-    """That is what opens faster than a tenth of the least speed of collisions, 0.1 m/s."""
+    """Contacts count as separating if they open faster than a tenth of the least speed of collisions, 0.1 m/s."""
     world = """<geom name="wall" type="plane" size="9 9 1" zaxis="1 0 0"/>
         <body pos=".0999 0 0"><joint type="slide" axis="1 0 0"/><geom name="a" size=".1" mass="1"/></body>
         <body pos=".2998 0 0"><joint type="slide" axis="1 0 0"/><geom name="b" size=".1" mass="1"/></body>"""
@@ -66,7 +66,7 @@ def test_what_separates_is_hit_afterwards(opening, contacts, code):
 
 
 def test_a_law_of_all_contacts_is_not_told_that_one_trembles():
-    """Under the reversal law each contact aims at what its mirror image had: what opened would be what may close."""
+    """Under the reversal law each contact aims at its mirror image's velocity, so opening could become closing."""
     model = cradle(5).compile()
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)

@@ -1,4 +1,4 @@
-"""Soft stepping without a collision is `mj_step`, bit for bit, whatever the scene and the options."""
+"""Soft stepping without a collision equals `mj_step`, bit for bit, whatever the scene and the options."""
 
 import itertools
 
@@ -69,7 +69,7 @@ def machine(integrator="Euler", solver="Newton", cone="pyramidal", jacobian="den
     return model, mujoco.MjData(model)
 
 
-# what a step computes; MuJoCo's other arrays are scratch, partly never written
+# results of a step; MuJoCo's other arrays are scratch memory, partly never written
 FIELDS = (
     "qpos qvel act act_dot ctrl qacc qacc_warmstart qacc_smooth qfrc_applied qfrc_actuator qfrc_passive qfrc_bias "
     "qfrc_smooth qfrc_constraint actuator_force actuator_length actuator_velocity sensordata energy xpos xquat "
@@ -79,7 +79,7 @@ FIELDS = (
 
 
 def assert_same(data, reference):
-    """Bit for bit."""
+    """Assert equality, bit for bit."""
     for name in FIELDS.split():
         np.testing.assert_array_equal(getattr(data, name), getattr(reference, name), err_msg=name)
     for name in ("dist", "pos", "frame", "geom", "efc_address"):
@@ -115,7 +115,7 @@ def test_a_step_without_collision_is_mj_step(integrator, solver, cone, jacobian)
 
 @pytest.mark.parametrize(("cone", "jacobian"), list(itertools.product(("pyramidal", "elliptic"), ("dense", "sparse"))))
 def test_closing_is_told_from_constraint_rows(cone, jacobian):
-    """Equality and friction rows come before limits, limits before contacts, contacts of condim 1 have a single row."""
+    """Equality and friction rows precede limits, limits precede contacts, and contacts of condim 1 have one row."""
     model, data = machine(cone=cone, jacobian=jacobian)
     model.geom("floor").condim[:] = 1
     data.qpos[7:10] = 2.0, 0.0, 0.0799  # the ball, away from the box
@@ -152,7 +152,7 @@ def test_sliding_fast_is_no_collision(integrator):
     reference.qpos[:], reference.qvel[:] = data.qpos, data.qvel
     stepper = Stepper(model, Moreau(0.5), contact_model="soft")
     fastest = 0.0
-    for i in range(12):  # after that the box, which MuJoCo has lifted under RK4, falls back
+    for i in range(12):  # later the box, which MuJoCo has lifted under RK4, falls back
         drive(model, data, lambda: stepper.step(data), i)
         drive(model, reference, lambda: mujoco.mj_step(model, reference), i)
         fastest = min(fastest, data.efc_vel.min(initial=0.0))
@@ -239,7 +239,7 @@ def test_flags_energy_and_inverse_comparison(callback):
             model.opt.enableflags = flags
             for _ in range(40):
                 for d, step in ((data, stepper.step), (reference, lambda d: mujoco.mj_step(model, d))):
-                    mujoco.mj_energyPos(model, d)  # somebody looked; MuJoCo clears it where the flag is off
+                    mujoco.mj_energyPos(model, d)  # a user looked; MuJoCo clears it where the flag is off
                     step(d)
                 assert_same(data, reference)
             if flags == int(mujoco.mjtEnableBit.mjENBL_FWDINV):
