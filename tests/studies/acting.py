@@ -1,4 +1,4 @@
-"""Policies that the tests of studies name as "studies.acting:...", and what they count."""
+"""Policies that tests of studies name as "studies.acting:...", and their counters."""
 
 import os
 import time
@@ -13,7 +13,7 @@ def stay(observation):
 
 
 def fall_over(observation):
-    """Fail."""
+    """Raise an error."""
     raise RuntimeError("fell over")
 
 

@@ -34,7 +34,7 @@ def drive(model, data, step, path, steps):
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 @pytest.mark.parametrize("w", [0.5, 1.5, -0.3])
 def test_a_paddle_hits_with_its_own_velocity(integrator, w):
-    """v+ = -e v- + (1 + e) w, as exact as v-, because a contact is seen up to a step late."""
+    """v+ = -e v- + (1 + e) w, with the error of v-, because a contact is seen up to a step late."""
     e = 0.8
     model, data = compiled(integrator)
     stepper, events = Stepper(model, Newton(e), contact_model="soft"), []
@@ -121,7 +121,7 @@ def test_only_scenes_in_which_a_mocap_body_collides_look():
     ],
 )
 def test_a_belt_does_not_throw_a_leg_that_jams(angles, velocity, belt):
-    """A leg between a belt and a deck: the belt bends an almost straight knee, which takes almost no energy."""
+    """A leg between a belt and a deck: the belt bends an almost straight knee, which can draw any energy from it."""
     hip, knee = math.cos(angles[0]), math.cos(sum(angles))
     model, data = scenes.compiled(
         f"""<geom type="plane" size="9 9 1" surfacevel="{belt} 0 0 0 0 0"/>

@@ -1,4 +1,4 @@
-"""What tests of time stepping share: the floor of their scenes, the stepper, and the velocities at an impact."""
+"""Shared by tests of time stepping: the floor of their scenes, the stepper, and the velocities at an impact."""
 
 from impactlaw import Stepper
 

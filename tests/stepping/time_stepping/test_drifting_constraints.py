@@ -1,4 +1,4 @@
-"""Constraints that drift, and servos, next to collisions: what closes a limit by giving way, what a hand pulls."""
+"""Drifting constraints, and servos, beside collisions: limits closed by drift, and pulls of a mocap body."""
 
 import mujoco
 import numpy as np
@@ -11,13 +11,13 @@ KNEE = """<body><joint name="knee" axis="0 1 0" range="0 120"/><geom size=".1" p
     <body pos="0 0 -.4"><joint name="slip" type="slide" axis="1 0 0" range="0 .1" armature=".01"/>
     <geom size=".1" mass=".1"/></body></body>"""
 COUPLING = '<equality><joint joint1="slip" joint2="knee" polycoef="0 .003 0 0 0"/></equality>'
-"""A knee whose shank slips by 3 mm per radian, as those of musculoskeletal models; both joints end at 0."""
+"""A knee whose shank slips by 3 mm per radian, as in musculoskeletal models; both joints have a limit at 0."""
 
 
 @pytest.mark.parametrize("compiled", ["auto", "never"])
 @pytest.mark.parametrize("e", [0.0, 0.5])
 def test_a_knee_is_not_thrown_back_by_the_slip_of_its_shank(e, compiled):
-    """To stop a slip of 1 cm/s the knee would turn by 3.3 rad/s more."""
+    """To stop a slip of 1 cm/s the knee would have to turn 3.3 rad/s faster."""
     model, data = compile_scene(KNEE, COUPLING, option='gravity="0 0 0"')
     data.qpos[:], data.qvel[:] = (-1e-3, -1e-5), (-1.0, -0.01)
     stepper = Stepper(model, Moreau(e), scheme="time-stepping", compiled=compiled)
@@ -39,7 +39,7 @@ FINGER = """<body pos="0 0 1"><joint type="slide" axis="0 0 1" limited="true" ra
 @pytest.mark.parametrize("compiled", ["auto", "never"])
 @pytest.mark.parametrize("inside", [True, False])
 def test_what_a_mocap_body_pulls_against_a_stop_stays_there_while_a_finger_closes(inside, compiled):
-    """Pull and stop cancel, but for next to nothing that moves the arm along the stop: it is the work of the hand."""
+    """Pull and stop cancel, except for a tiny part that moves the arm along the stop: this is the work of the hand."""
     model = mujoco.MjModel.from_xml_string(PULLED.format(FINGER, "") if inside else PULLED.format("", FINGER))
     data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled)
     data.mocap_pos[0] = -1.0, 0.0, 6e-4
@@ -54,14 +54,14 @@ KNOB = """<body><joint name="knob" range="-90 0"/><geom size=".05" mass=".1" con
     <body><joint name="burner" type="slide" axis="0 0 1" range="-.009 0"/>
     <geom size=".05" mass=".01" contype="0"/></body>"""
 TURNED = '<equality><joint joint1="knob" joint2="burner" polycoef="0 174 0 0 0"/></equality>'
-"""A knob that lifts a burner, as those of the kitchen of gymnasium-robotics; both joints end at 0."""
+"""A knob that lifts a burner, as in the kitchen of gymnasium-robotics; both joints have a limit at 0."""
 
 
 @pytest.mark.parametrize("compiled", ["auto", "never"])
 @pytest.mark.parametrize("start", [(0.0, 1.0), (-1.0, 1.0), (-100.0, 1.0), (100.0, 0.0), (100.0, -1.0), (1.0, -1.0)])
 @pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
 def test_a_coupling_that_is_violated_adds_no_energy_where_a_limit_stops_one_of_its_ends(e, start, compiled):
-    """To keep its drift of 174 rad/s, the knob would get what the burner has lost, times 174."""
+    """To keep its drift of 174 rad/s, the knob would get 174 times what the burner has lost."""
     model, data = compile_scene(KNOB, TURNED, option='gravity="0 0 0"')
     data.qvel[:] = start
     stepper, kinetic = Stepper(model, Moreau(e), scheme="time-stepping", compiled=compiled), []
@@ -108,7 +108,7 @@ WELDED = """<equality><weld body1="left" body2="right" solref="{} 1"/></equality
 @pytest.mark.parametrize("drift", [0.05, 0.2, 1.0])
 @pytest.mark.parametrize("e", [0.5, 1.0])
 def test_a_weld_that_drifts_adds_next_to_no_energy_where_its_boxes_land(e, drift, softness, compiled):
-    """With e = 1 its drift added energy at most of these starts."""
+    """Regression: with e = 1 its drift added energy from most of these starts."""
     world = '<geom type="plane" size="9 9 1"/>' + BOX.format("left", -0.11) + BOX.format("right", 0.11)
     frictionless = 'friction="0" condim="1"'
     model, data = compile_scene(world, WELDED.format(softness), option='gravity="0 0 0"', geom=frictionless)
@@ -128,7 +128,7 @@ def test_a_weld_that_drifts_adds_next_to_no_energy_where_its_boxes_land(e, drift
 
 
 def _geared(offset):
-    """Return two slides beside each other, 20 : 1, the first with a limit, and their coupling."""
+    """Return two parallel slides, geared 20 : 1, the first one with a limit, and their coupling."""
     hits, geared = (
         f'<body pos="0 {y} 0"><joint name="{name}" type="slide" axis="1 0 0" {more}/><geom size=".1" mass="1"/></body>'
         for name, y, more in ((f"hits{offset}", offset, 'range="-.001 1"'), (f"geared{offset}", offset + 1, ""))
@@ -137,7 +137,7 @@ def _geared(offset):
 
 
 def _hit(drifts, e, compiled):
-    """Return the stepper of such pairs after they hit their limits at 1 m/s, drifting by parts of the gears' speed."""
+    """Return the stepper of such pairs after they hit their limits at 1 m/s, with drifts as parts of their speed."""
     bodies, couplings = zip(*(_geared(2 * i) for i in range(len(drifts))), strict=True)
     rest = f"<equality>{''.join(couplings)}</equality>"
     model, data = compile_scene("".join(bodies), rest, option='gravity="0 0 0" timestep=".002"')
@@ -151,7 +151,7 @@ def _hit(drifts, e, compiled):
 @pytest.mark.parametrize("compiled", ["auto", "never"])
 @pytest.mark.parametrize("drift", [1.0, 0.2, 0.08])
 def test_gears_that_give_way_do_not_drive_the_collision_that_is_told(drift, compiled):
-    """Gears that kept their drift in it would add up to 722 J; in the step they give way."""
+    """If gears kept their drift in the event, it would add up to 722 J; in the step they give way."""
     stepper = _hit([drift], 0.9, compiled)
     (event,) = stepper.events
     impact = event.impact
@@ -163,7 +163,7 @@ def test_gears_that_give_way_do_not_drive_the_collision_that_is_told(drift, comp
 
 @pytest.mark.parametrize("compiled", ["auto", "never"])
 def test_gears_that_drift_are_in_the_collision_that_is_told_where_they_do_not_drive_it(compiled):
-    """With e = 0.5 their drift of 8 % gives back a part of what contact takes; those beside them drive theirs."""
+    """With e = 0.5 a drift of 8 % returns a part of the lost energy; the drift of the other pair drives its event."""
     stepper = _hit([0.08, 1.0], 0.5, compiled)
     (event,) = stepper.events
     gears = event.impact.collision.bilateral_jacobian

@@ -1,4 +1,4 @@
-"""Time stepping in environments, of others and our own, and on the command line."""
+"""Time stepping in environments from elsewhere and our own, and on the command line."""
 
 import copy
 import pickle
@@ -45,7 +45,7 @@ def test_environments_of_gymnasium_run_without_an_exception_and_repeat(name):
 
 
 def test_time_stepping_is_what_environments_of_others_get():
-    """And event-driven stepping where it is asked for: other trajectories, both of rigid contact."""
+    """Event-driven stepping is used on request; its trajectories differ, but both have rigid contact."""
     runs = {}
     for scheme in (None, "time-stepping", "event-driven"):
         env = ImpactLaw(gymnasium.make("Hopper-v5"), "moreau", 0.5, contact_model="rigid", scheme=scheme)

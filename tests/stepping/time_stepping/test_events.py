@@ -1,4 +1,4 @@
-"""What events say of collisions, early and late, and that reading them changes nothing."""
+"""Collisions in events, early and late; reading events has no effect."""
 
 import copy
 
@@ -28,7 +28,7 @@ PILE = FLOOR + "".join(
 
 
 def told(event):
-    """All that an event says, as plain arrays."""
+    """Return the contents of an event, as plain arrays."""
     impact = event.impact
     seen = [
         np.array([event.time]), event.qpos, event.contacts.geoms, event.contacts.gap, event.contacts.position,
@@ -51,9 +51,9 @@ def scene_or_pile(name):
 @every_law
 @pytest.mark.parametrize("scene", [*SCENES, "pile"])
 def test_events_are_admissible_and_what_the_step_did(scene, law):
-    """In a scene without forces the velocity after the step is the one of its event.
+    """In a scene without forces the velocity after the step is that of its last event.
 
-    Unless a contact that is open and does not collide was kept from closing beyond zero in the same step.
+    This does not hold if an open contact that does not collide is kept from penetrating in the same step.
     """
     model, data = scene_or_pile(scene)
     model.opt.gravity[:] = 0
@@ -95,7 +95,7 @@ def test_labels_are_those_of_geoms_and_joints_in_order():
 
 @every_law
 def test_contact_velocities_before_and_after_are_those_of_the_law(law):
-    """One contact: gamma+ = -e gamma-."""
+    """For one contact, gamma+ = -e gamma-."""
     ball = '<body pos="0 0 .101"><joint type="slide" axis="0 0 1"/><geom name="ball" size=".1" mass="2"/></body>'
     model, data = compiled(FLOOR + ball, geom='condim="1"')
     data.qvel[0] = -2.0
@@ -176,7 +176,7 @@ def test_a_box_that_lands_flat_has_four_equal_impulses():
 
 
 def test_what_rests_on_the_floor_is_in_the_event_of_what_hits_it():
-    """A ball at rest on the floor is hit from above: both contacts collide, as of E = 0 and of any other law."""
+    """A ball at rest on the floor is hit from above: both contacts collide, under any law."""
     balls = "".join(
         f'<body pos="0 0 {z}"><joint type="slide" axis="0 0 1"/><geom name="{n}" size=".1" mass="1"/></body>'
         for n, z in (("low", 0.1), ("high", 0.301))
@@ -221,7 +221,7 @@ def test_many_steps_with_events_that_nobody_reads_do_not_pile_up():
 
 
 def test_events_of_a_limit_that_an_equality_holds_can_be_read():
-    """Two slides are coupled, and a tendon limits their difference: its limit cannot open whatever the law asks."""
+    """A tendon limits the difference of two coupled slides: its limit cannot open, whatever the law asks."""
     world = "".join(
         f'<body pos="0 {y} 0"><joint name="{n}" type="slide" axis="1 0 0"/><geom size=".1" mass="1"/></body>'
         for n, y in (("one", 0), ("two", 1))
@@ -269,9 +269,9 @@ def test_a_hand_that_a_servo_drives_hits_the_floor(how):
 @pytest.mark.parametrize("how", ["auto", "never"])
 @pytest.mark.parametrize("friction", [0.0, 1.0])
 def test_the_tip_of_a_four_bar_linkage_hits_the_floor(friction, how):
-    """With friction it jams: it moves along a curve on which friction lets no impulse of the floor throw it back.
+    """With friction it jams: on its curved path, friction lets no impulse of the floor throw it back.
 
-    The drift of its constraint leaves no exact solution then. The event took impulses of 1e12 N s for one.
+    Because the constraint drifts, there is no exact solution. Regression: the event had impulses of 1e12 N s.
     """
     bars = """<geom name="floor" type="plane" size="3 3 1" pos="0 0 -.5" contype="1" conaffinity="1"/>
     <body><joint axis="0 1 0"/><geom fromto="0 0 0 0 0 -.4"/>
@@ -291,6 +291,6 @@ def test_the_tip_of_a_four_bar_linkage_hits_the_floor(friction, how):
     approach, energy = -impact.collision.pre_contact_velocity[0], impact.collision.kinetic_energy
     assert approach == pytest.approx(0.72, rel=0.01)
     assert 0.0 < impact.impulse[0] < 10.0
-    assert abs(impact.surface_work) < 0.01 * energy  # of the constraint, which drifts
+    assert abs(impact.surface_work) < 0.01 * energy  # of the drifting constraint
     assert impact.post_contact_velocity[0] == pytest.approx(0.0 if friction else 0.5 * approach, abs=0.01)
     assert stepper.sums.inadmissible == bool(friction)

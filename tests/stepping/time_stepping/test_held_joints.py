@@ -1,4 +1,4 @@
-"""Scenes whose joints rigid time stepping holds still are told when a stepper is made."""
+"""Scenes whose joints time stepping would hold still cause a warning when a stepper is made."""
 
 from contextlib import nullcontext
 
@@ -16,7 +16,7 @@ FINGER = """<body name="palm" pos="0 0 1"><geom name="palm" type="box" size=".1 
 
 
 def gripper(shift=0.0, joint="", actuator="", rest=""):
-    """A finger that is 2 cm in its palm, or shifted out of it; a link without joints is between them."""
+    """Return a finger 2 cm inside its palm, or shifted out of it, with a link without joints between them."""
     return compiled(FINGER.format(shift=shift, joint=joint), rest=rest + f"<actuator>{actuator}</actuator>")
 
 
@@ -43,7 +43,7 @@ def test_links_that_do_not_collide_are_not_told():
 
 
 def test_far_limbs_and_bodies_of_others_are_not_told():
-    """Three joints between two links open an overlap somehow, and so do two mechanisms."""
+    """Three joints between two links, or separate mechanisms, can always open an overlap."""
     link = '<body><joint type="hinge" axis="0 1 0"/>{}</body>'
     ball = '<geom size=".1" mass="1"/>'
     chain = f'<body>{ball}<body><joint axis="1 0 0"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>' + (
@@ -102,7 +102,7 @@ def test_the_plan_tells_it(monkeypatch, capsys, tmp_path):
 
 
 def test_limbs_that_overlap_where_they_are_joined_are_not_told():
-    """What pushes at the centre of a joint does not move it."""
+    """A force at the centre of a joint does not move it."""
     limb = '<geom type="capsule" size=".02" fromto="0 0 0 {} 0 .2" mass="1"/>'
     first, second = (f'<body><joint axis="0 1 0"/>{limb.format(x)}</body>' for x in (0.2, -0.2))
     model, _ = compiled(f'<body><freejoint/><geom size=".02" mass="1"/>{first}{second}</body>')

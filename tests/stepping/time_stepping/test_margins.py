@@ -1,4 +1,4 @@
-"""Contacts are looked for as far as geoms can come to each other, which is not as far as they go together."""
+"""Contacts are detected as far as geoms can approach each other, not as far as they can move together."""
 
 import mujoco
 import numpy as np
@@ -13,7 +13,7 @@ H = 1e-3
 
 
 def branches(rng, many, name, root):
-    """A body with a joint of its own, whose children are at random places; ``many`` bodies in all."""
+    """Return a body with its own joint and children at random places, ``many`` bodies in all."""
     xml, left = [], many
     turn = " ".join(f"{x:.3f}" for x in rng.normal(size=3))
     place = " ".join(f"{x:.3f}" for x in rng.uniform(-0.15, 0.15, 3))
@@ -27,7 +27,7 @@ def branches(rng, many, name, root):
 
 
 def scene(rng, trees, root):
-    """Trees of bodies near a floor, a wall and a ball that a mocap body carries and does not move."""
+    """Return trees of bodies near a floor, a wall and a ball on a mocap body at rest."""
     world = "".join(branches(rng, 7, f"t{i}", root) for i in range(trees))
     world += FLOOR + '<body pos=".3 0 .2"><geom type="box" size=".05 .5 .5"/></body>'
     world += '<body mocap="true" pos="-.3 0 .1"><geom size=".1"/></body>'
@@ -36,13 +36,13 @@ def scene(rng, trees, root):
     data.qpos[:] = model.qpos0
     mujoco.mj_normalizeQuat(model, data.qpos)
     data.qvel[:] = rng.normal(size=model.nv)
-    if rng.random() < 0.7:  # all of a tree is fast
+    if rng.random() < 0.7:  # the whole tree is fast
         data.qvel[:6] += 5.0 * rng.normal(size=6)
     return model, data
 
 
 def reached(model, data, led_to):
-    """The margins of bodies for one step, which geoms have in the model, too."""
+    """Return the margins of bodies for one step, and set those of geoms in the model."""
     size, now = np.zeros(model.nbody), data.cvel.copy()
     find_sizes(size, model.geom_type, model.geom_bodyid, model.geom_pos, model.geom_rbound, model.body_ipos)
     set_margins(
@@ -54,7 +54,7 @@ def reached(model, data, led_to):
 
 
 def velocities_of_bodies(model, data, qvel):
-    """MuJoCo's cvel at another velocity."""
+    """Return MuJoCo's cvel at another velocity."""
     kept = data.qvel.copy()
     data.qvel[:] = qvel
     mujoco.mj_comVel(model, data)
@@ -65,7 +65,7 @@ def velocities_of_bodies(model, data, qvel):
 
 
 def fastest_approaches(rng, model, data, cvel):
-    """How fast points of two geoms come to each other at most, m/s, over random points, (ngeom, ngeom)."""
+    """Return the largest approach speed of two geoms over random points, m/s, (ngeom, ngeom)."""
     points, most = 20, np.zeros((model.ngeom, model.ngeom))
     for _ in range(points):
         way = rng.normal(size=(model.ngeom, 3))
@@ -80,7 +80,7 @@ def fastest_approaches(rng, model, data, cvel):
 
 
 def pairs_that_may_meet(model):
-    """Which geoms are of bodies that move against each other, and are no parent and child, bool (ngeom, ngeom)."""
+    """Return which geoms can move relative to each other and are not parent and child, bool (ngeom, ngeom)."""
     body = model.geom_bodyid
     tree, parent = model.body_treeid[body], model.body_parentid[body]
     kin = (body[:, None] == parent[None]) | (parent[:, None] == body[None]) | (body[:, None] == body[None])
@@ -104,7 +104,7 @@ def test_no_two_geoms_come_to_each_other_from_farther_than_their_margins(trees, 
         far = model.geom_margin[:, None] + model.geom_margin[None]
         for velocity in (cvel, led_to):
             assert (SLACK * H * fastest_approaches(rng, model, data, velocity) <= far)[may].all()
-        for scale in (0.3, 1.0, 3.0):  # a collision can lead anywhere
+        for scale in (0.3, 1.0, 3.0):  # a collision can cause any velocity
             after = velocities_of_bodies(model, data, scale * rng.permutation(data.qvel))
             bodies = model.body_margin, model.body_rootid, model.body_treeid, size, data.xipos, data.subtree_com
             if not find_outrun(*bodies, after, H):
@@ -133,7 +133,7 @@ def test_what_meets_within_a_step_is_found_at_its_start(trees):
 
 @pytest.mark.parametrize("how", ["auto", "never"])
 def test_a_robot_that_falls_fast_finds_no_contacts_between_its_own_parts(how):
-    """Parts 3 mm from each other fall at 5 m/s, that is 5 mm in a step, and turn with each other."""
+    """Parts 3 mm apart fall at 5 m/s, which is 5 mm per step, and turn together."""
     parts = "".join(
         f'<body pos="{0.043 * (i + 1)} 0 0"><joint axis="0 0 1" damping="1"/><geom size=".02"/></body>'
         for i in range(0, 8)
@@ -149,10 +149,10 @@ def test_a_robot_that_falls_fast_finds_no_contacts_between_its_own_parts(how):
 
 @pytest.mark.parametrize("how", ["auto", "never"])
 def test_a_part_that_the_floor_throws_hits_its_neighbour(how):
-    """A finger falls on the floor at 5 m/s with its palm, which is 4 mm above it: within the step it stops that, too.
+    """A finger falls on the floor at 5 m/s, and its palm 4 mm above it: within the step it stops the palm, too.
 
-    Before the collision the two do not move against each other, so that they are found only when the floor has thrown
-    the finger.
+    Before the collision there is no relative motion, so that their contact is only found after the floor has thrown the
+    finger.
     """
     finger = '<body pos="0 0 -.044"><joint type="slide" axis="0 0 1"/><geom name="tip" size=".02" mass="1"/></body>'
     palm = f'<body pos="0 0 .0661"><joint type="slide" axis="0 0 1"/><geom name="palm" size=".02" mass="1"/>{finger}'

@@ -1,4 +1,4 @@
-"""Sensors that depend on accelerations and on momenta: of this step, whatever the last one has left."""
+"""Sensors of accelerations and momenta show the current step, whatever the last one has left."""
 
 import mujoco
 import numpy as np
@@ -18,7 +18,7 @@ def test_sensors_are_those_of_this_step(compiled, asked):
     model = mujoco.MjModel.from_xml_string(SCENE)
     data = mujoco.MjData(model)
     data.qvel[:] = [1, 0, 0, 3, 2, 1]
-    if asked:  # and MuJoCo takes what was computed to be right from then on
+    if asked:  # from then on MuJoCo takes these results for valid
         mujoco.mj_forward(model, data)
         mujoco.mj_rnePostConstraint(model, data)
         mujoco.mj_subtreeVel(model, data)
@@ -26,11 +26,11 @@ def test_sensors_are_those_of_this_step(compiled, asked):
     for _ in range(100):
         before = data.qvel[:3].copy()
         stepper.step(data)
-        np.testing.assert_allclose(data.sensordata[:3], 0.0, atol=0.02)  # it falls freely, and turns: of first order
+        np.testing.assert_allclose(data.sensordata[:3], 0.0, atol=0.02)  # free fall with rotation: of first order
         np.testing.assert_allclose(data.sensordata[3:6], before, atol=1e-12)
     while data.time < 4.0:
         stepper.step(data)
-    np.testing.assert_allclose(np.linalg.norm(data.sensordata[:3]), 9.81, rtol=1e-6)  # it lies
+    np.testing.assert_allclose(np.linalg.norm(data.sensordata[:3]), 9.81, rtol=1e-6)  # it is at rest
     np.testing.assert_allclose(data.sensordata[3:6], 0.0, atol=1e-9)
 
 
@@ -38,12 +38,12 @@ ROPE = """<mujoco><worldbody><site name="o" pos="0 0 2"/>
   <body pos="0 0 1.1"><freejoint/><geom size=".1" mass="2"/><site name="s"/></body></worldbody>
   <tendon><spatial name="t" limited="true" range=".1 .9"><site site="o"/><site site="s"/></spatial></tendon>
   <sensor><tendonlimitfrc tendon="t"/><tendonlimitpos tendon="t"/></sensor></mujoco>"""
-"""A weight on a rope: the upper limit of its length holds it."""
+"""A weight on a rope, held by the upper limit of its length."""
 
 FLAP = """<mujoco><compiler angle="radian"/><worldbody><body><joint name="j" axis="0 1 0" range="-1 .3"/>
   <geom type="capsule" fromto="0 0 0 .3 0 0" size=".02" mass=".3"/></body></worldbody>
   <sensor><jointlimitfrc joint="j"/><jointlimitpos joint="j"/></sensor></mujoco>"""
-"""A flap that its weight holds at its upper limit."""
+"""A flap held at its upper limit by its weight."""
 
 
 @pytest.mark.parametrize("compiled", ["auto", "never"])

@@ -1,4 +1,4 @@
-"""What a step does whose law cannot be met, and one with velocities that are not finite."""
+"""Steps whose law cannot be met, and steps with velocities that are not finite."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def _lose_energy(sparse, colind, value, groups, amounts, rates, reached, tree, u
 
 
 def _resolved(direction: list[float], free: list[float], target: list[float]) -> tuple[np.ndarray, float]:
-    """Return the change of velocity of a mass of 1 kg on a rail under these contacts, and by what it misses, m/s."""
+    """Return the velocity change of 1 kg on a rail under these contacts, and the error with respect to its law, m/s."""
     n = len(free)
     rows, no = np.arange(n, dtype=np.int32), np.zeros(0)
     sparse = np.ascontiguousarray([np.ones(n), rows, rows], dtype=np.int32)
@@ -57,11 +57,11 @@ def test_an_overlap_whose_gradient_nearly_vanishes_moves_a_joint_by_little():
         np.zeros(1), np.zeros(1), none, none, np.zeros((4, 0), np.int32), np.zeros(0, np.int64), no, no,
         timestep, True, True, False, 1, np.ones(1), first, one, one, np.ones(1, np.int32), first, first,
     )[2]  # fmt: skip
-    np.testing.assert_allclose(timestep * shift, 0.1, rtol=1e-12)  # m; it would have been 2e6
+    np.testing.assert_allclose(timestep * shift, 0.1, rtol=1e-12)  # m; without a bound it would be 2e6
 
 
 def _two_pucks(impulse: np.ndarray, *, unsolved: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return what is left of impulses of two pucks of 1 kg that hit a floor at 1 m/s, and velocities after them."""
+    """Return the impulses kept by two pucks of 1 kg that hit a floor at 1 m/s, and the velocities after them."""
     one = np.ones(4, np.int32)
     sparse = np.ascontiguousarray([one, np.arange(4), np.arange(4)], dtype=np.int32)
     groups = np.array([[0, 2], [2, 2], [CONE, CONE], [0, 1]], np.int32)
@@ -90,7 +90,7 @@ def test_what_is_solved_keeps_its_impulses():
 
 
 def test_a_body_that_cannot_meet_its_law_takes_nothing_from_another():
-    """Two masses on rails: walls throw back the first from both sides, the second rebounds."""
+    """Two masses on rails: walls throw the first one back from both sides, the second one rebounds."""
     rows, one, first, no = np.arange(3, dtype=np.int32), np.ones(3), np.zeros(2, np.int32), np.zeros(0)
     free, none = np.array([0.0, 0.0, -2.0]), np.zeros(3, dtype=bool)
     answer = resolve_step(

@@ -1,4 +1,4 @@
-"""Time stepping makes no energy from nowhere."""
+"""Time stepping creates no energy."""
 
 import mujoco
 import numpy as np
@@ -20,7 +20,7 @@ LAWS = {
 
 
 def energies(model, data, law, duration, **options):
-    """Energy at the start and after every step."""
+    """Return the energy at the start and after every step."""
     model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
     mujoco.mj_forward(model, data)
     stepper, seen = stepping(model, law, **options), [data.energy.sum()]
@@ -31,7 +31,7 @@ def energies(model, data, law, duration, **options):
 
 
 def growth(seen, scale):
-    """Largest growth over the largest energy so far."""
+    """Return the largest growth beyond the largest energy so far."""
     return (seen[1:] - np.maximum.accumulate(seen)[:-1]).max() / scale
 
 
@@ -40,12 +40,12 @@ def total_growth(seen, scale):
 
 
 PIVOTS = {"rocking_block": 5e-4, "rocking_platform": 2e-4}
-"""A body that turns about a held contact gains a little, of second order in the timestep (next test)."""
+"""Bodies that turn about a held contact gain a little energy, of second order in the timestep (next test)."""
 
 
 @pytest.mark.parametrize("scene", SCENES)
 def test_no_bundled_scene_gains_energy_under_any_law(scene):
-    """Compared with what the scene has above the lowest energy that it comes to without restitution."""
+    """Relative to the initial energy above the lowest energy that the scene reaches without restitution."""
     lowest = min(energies(*load(scene), MaximalDissipation(), 1.2))
     for name, law in LAWS.items():
         seen = energies(*load(scene), law, 1.2)
@@ -71,7 +71,7 @@ def test_a_tumbling_box_that_falls_on_the_floor_gains_none(law, condim):
     model, data = compiled(world, geom=f'condim="{condim}" friction=".4 .01 .001"', option='timestep="1e-3"')
     data.qvel[:3] = 1.0, 0.5, -1.0
     seen = energies(model, data, law, 0.6)
-    if condim == 1 and law in (Moreau(1.0), Newton(1.0)):  # what is left is the free motion's
+    if condim == 1 and law in (Moreau(1.0), Newton(1.0)):  # the rest is a gain of the free motion
         assert abs(seen / seen[0] - 1).max() <= 1e-6
     else:
         assert growth(seen, seen[0] - seen.min() + 0.1) <= 1e-6
@@ -112,7 +112,7 @@ def test_elastic_boxes_tumble_against_each_other_without_gain():
 
 @pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
 def test_the_impact_of_a_box_that_spins_creates_no_energy(e):
-    """One elastic impact keeps the energy however the box turns, and the gyroscopic forces of that step."""
+    """A single elastic impact conserves energy however the box spins, including the gyroscopic forces of that step."""
     for tilt in (10, 30, 50, 70):
         world = FLOOR + f'<body pos="0 0 .35" euler="{tilt} 20 0"><freejoint/><geom type="box" size=".1 .2 .3"/></body>'
         model, data = compiled(world, option='gravity="0 0 0" timestep="2e-3"', geom='condim="1"')
@@ -132,7 +132,7 @@ def test_the_impact_of_a_box_that_spins_creates_no_energy(e):
 
 
 def test_a_limb_of_ball_joints_that_spins_fast_keeps_finite_energy():
-    """Half a radian in a step: too fast for the timestep, but it does not explode."""
+    """Half a radian per step is too fast for the timestep, but it does not explode."""
     world = """<body><joint type="ball" range="0 60"/><geom type="capsule" fromto="0 0 0 .1 0 0" size=".02" mass=".1"/>
         <body pos=".1 0 0"><joint type="ball" range="0 60"/>
         <geom type="box" size=".02 .05 .1" pos=".05 0 .05" mass="5"/>
@@ -146,7 +146,7 @@ def test_a_limb_of_ball_joints_that_spins_fast_keeps_finite_energy():
 
 @pytest.mark.parametrize("compiled_steps", ["auto", "never"])
 def test_an_elastic_body_off_its_centre_of_mass_gains_to_second_order(compiled_steps):
-    """Its mass matrix turns with it, which takes part in the collision."""
+    """Its mass matrix depends on its orientation, and takes part in the collision."""
     gains = []
     for timestep in (4e-3, 2e-3, 1e-3):
         world = (
@@ -164,7 +164,7 @@ def test_an_elastic_body_off_its_centre_of_mass_gains_to_second_order(compiled_s
 @pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize("heavy", [1.0, 1000.0])
 def test_a_heavy_link_on_a_light_base_gains_little(e, heavy):
-    """What it gains is of second order in the timestep; of first order it would be 1 % with e = 0.5."""
+    """The gain is of second order in the timestep; a gain of first order would be 1 % with e = 0.5."""
     world = (
         FLOOR
         + f"""<body pos="0 0 1"><freejoint/><geom size=".05" mass="1e-3"/><body pos=".3 .1 .2"><joint axis="0 1 .3"/>
@@ -201,12 +201,12 @@ def test_what_turns_too_fast_for_the_timestep_still_falls(compiled_steps):
 BEAD = """<body><joint axis="0 0 1" armature="1e-4"/><geom size=".02" mass=".001"/>
     <body pos=".1 0 0"><joint type="slide" axis="1 0 0" range="0 .1" stiffness="10" springref="-1"/>
     <geom size=".02" mass="1"/></body></body>"""
-"""A spring holds a bead at the inner stop of an arm that turns: nothing changes."""
+"""A spring holds a bead at the inner stop of a rotating arm: the motion is steady."""
 
 ELBOW = """<body><joint axis="0 0 1"/><geom type="capsule" fromto="0 0 0 .3 0 0" size=".03" mass="1"/>
     <body pos=".3 0 0"><joint axis="0 0 1" range="0 57.3"/>
     <geom type="capsule" fromto="0 0 0 .1 .2 0" size=".03" mass="1"/></body></body>"""
-"""Its turning holds an elbow at its limit."""
+"""The rotation holds an elbow at its limit."""
 
 
 @pytest.mark.parametrize("compiled_steps", ["auto", "never"])
@@ -224,7 +224,7 @@ def test_contact_that_is_held_in_a_turning_frame_does_no_work(world, speed, part
 
 
 def test_two_elastic_balls_that_fall_one_on_the_other_keep_their_energy():
-    """The upper one is hit in the step in which the lower one hits the floor; gravity acts in that step, too."""
+    """The upper ball is hit in the step in which the lower one hits the floor; gravity acts in this step, too."""
     world = (
         FLOOR
         + """<body pos="0 0 .6"><joint type="slide" axis="0 0 1"/><geom size=".1" mass="1"/></body>

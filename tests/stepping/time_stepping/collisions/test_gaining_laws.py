@@ -1,4 +1,4 @@
-"""Laws that would create energy are scaled in time stepping, unless somebody says otherwise."""
+"""Laws that would create energy are scaled in time stepping, unless an option says otherwise."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from impactlaw.errors import InadmissibleImpactError
 
 
 def kane(law, **options):
-    """An oblique rod slides on its lower end as it hits the floor; energy before and after the impact."""
+    """Let a sliding oblique rod hit the floor; return the energies before and after the impact, and the stepper."""
     world = (
         FLOOR
         + """<body pos="0 0 1"><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>

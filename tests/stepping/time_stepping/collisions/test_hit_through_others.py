@@ -1,4 +1,4 @@
-"""Contacts that a collision of others closes in the same step: their restitution is that of what they meet."""
+"""Contacts that another collision closes in the same step have their restitution."""
 
 import mujoco
 import numpy as np
@@ -12,7 +12,7 @@ DRIVERS = pytest.mark.parametrize("compiled", ["auto", "never"])
 
 
 def line(gaps, option='gravity="0 0 0"'):
-    """Balls of radius 0.1 and 1 kg on a line, the first two in front of each other by gaps[0]."""
+    """Return balls of radius 0.1 and 1 kg on a line, the first two separated by gaps[0]."""
     places = np.concatenate([[0.0], np.cumsum(0.2 + np.array(gaps))])
     balls = "".join(
         f'<body pos="{x} 0 0"><joint type="slide" axis="1 0 0"/><geom name="b{i}" size=".1" mass="1"/></body>'
@@ -24,7 +24,7 @@ def line(gaps, option='gravity="0 0 0"'):
 
 
 def box(count, rng):
-    """Balls in a box without gravity."""
+    """Return balls in a box without gravity."""
     walls = "".join(
         f'<geom type="plane" size="1 1 1" pos="{-0.4 * x} {-0.4 * y} {-0.4 * z}" zaxis="{x} {y} {z}" condim="1"/>'
         for x, y, z in np.concatenate([np.eye(3, dtype=int), -np.eye(3, dtype=int)])
@@ -43,7 +43,7 @@ def box(count, rng):
 
 
 def one_after_another(velocity, e, pairs):
-    """Collisions of equal balls, pair by pair."""
+    """Return the velocities after collisions of equal balls, pair by pair."""
     v = np.array(velocity, dtype=float)
     for i in pairs:
         mean, apart = 0.5 * (v[i] + v[i + 1]), e * (v[i] - v[i + 1])
@@ -66,7 +66,7 @@ def test_a_cradle_with_gaps_passes_the_velocity_on(compiled, gap):
 @DRIVERS
 @pytest.mark.parametrize("law", [Moreau(0.5), Newton({("b0", "b1"): 0.5, ("b1", "b2"): 0.5}, default=0.9)])
 def test_every_collision_of_a_sequence_has_its_restitution(compiled, law):
-    """The second pair is hit in the same step as the first, which then is hit again, from behind."""
+    """The second pair is hit in the same step as the first one, which is then hit again from behind."""
     model = line([2e-5, 2e-5])
     data = mujoco.MjData(model)
     data.qvel[0] = 1.0
@@ -88,7 +88,7 @@ def test_an_elastic_gas_keeps_its_energy(compiled):
         stepper.step(data)
         several += len(stepper.events) > 1
     assert data.qvel @ data.qvel == pytest.approx(energy, rel=1e-9)
-    assert several > 3  # or this has tested nothing
+    assert several > 3  # otherwise the test has no effect
 
 
 def test_compiled_steps_are_those_of_python():
@@ -104,7 +104,7 @@ def test_compiled_steps_are_those_of_python():
 
 
 def between(ratio, places):
-    """A ball of 1 kg between a wall and a ball of so many."""
+    """Return a ball of 1 kg between a wall and a ball of `ratio` kg."""
     return mujoco.MjModel.from_xml_string(
         f"""<mujoco><option timestep=".01" gravity="0 0 0" integrator="RK4"/><default><geom condim="1"/></default>
         <worldbody><geom type="plane" size="1 1 1" zaxis="1 0 0"/>
@@ -117,7 +117,7 @@ def between(ratio, places):
 @DRIVERS
 @pytest.mark.parametrize(("ratio", "some"), [(16, False), (100, False), (1000, True), (1e4, True), (1e6, True)])
 def test_restitution_that_is_left_out_is_counted_and_loses_no_energy(compiled, ratio, some):
-    """Galperin's billiard: pi sqrt(m / M) collisions, of which a step can have only some one after another."""
+    """Galperin's billiard: pi sqrt(m / M) collisions, of which a step can resolve only some in sequence."""
     model = between(ratio, (0.3, 0.8))
     data = mujoco.MjData(model)
     data.qvel[1] = -1.0
@@ -134,9 +134,9 @@ def test_restitution_that_is_left_out_is_counted_and_loses_no_energy(compiled, r
 @pytest.mark.parametrize("ratio", [1e3, 1e4, 1e5, 1e6])
 @pytest.mark.parametrize("gaps", [(2e-5, 2e-5), (4e-4, 8e-5), (7.6e-5, 8e-4)])
 def test_a_light_ball_between_a_wall_and_a_heavy_one(compiled, ratio, gaps):
-    """It would bounce more often within a step than can be: the share of restitution is found to which energy is kept.
+    """It would bounce too often within a step: the share of restitution is found that conserves energy.
 
-    A guess far from the solution can make that look like bodies that jam.
+    With a guess far from the solution, this can look like bodies that jam.
     """
     model = between(ratio, (0.1 + gaps[0], 0.3 + gaps[0] + gaps[1]))
     data = mujoco.MjData(model)
@@ -147,7 +147,7 @@ def test_a_light_ball_between_a_wall_and_a_heavy_one(compiled, ratio, gaps):
 
 
 def billiard(masses, reach, timestep):
-    """Disks without friction between four walls that are as far from the middle."""
+    """Return disks without friction between four walls at the same distance from the middle."""
     walls = "".join(
         f'<geom type="plane" size="1 1 .1" pos="{reach * x} {reach * y} 0" zaxis="{-x} {-y} 0"/>'
         for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1))
@@ -168,7 +168,7 @@ def billiard(masses, reach, timestep):
     ("masses", "timestep"), [([1] * 4, 0.002), ([1] * 4, 0.01), ([0.1, 1, 3, 10], 0.002), ([1, 100], 0.002)]
 )
 def test_elastic_billiards_keep_their_energy_to_rounding(law, masses, timestep):
-    """Disks that are jammed between others and the walls collide dozens of times within a step."""
+    """Disks jammed between others and the walls collide dozens of times within a step."""
     model = billiard(masses, 0.2, timestep)
     batch, rng = Batch(model, law, 32, 1), np.random.default_rng(0)
     qvel = batch.bind("qvel")
@@ -185,7 +185,7 @@ def test_elastic_billiards_keep_their_energy_to_rounding(law, masses, timestep):
 @DRIVERS
 @pytest.mark.parametrize("inadmissible", ["project", "raise", "allow"])
 def test_a_third_collision_of_a_step_that_the_second_one_leads_to(compiled, inadmissible):
-    """A disk hits another, is thrown at a wall, and back: held by that contact alone, it would create energy."""
+    """A disk hits another, is thrown at a wall, and returns: held by this contact alone, it would create energy."""
     model = billiard((1.3, 1.9), 0.4, 0.01)
     data, mass = mujoco.MjData(model), np.repeat([1.3, 1.9], 2)
     data.qpos[:] = [0.15413107, -0.33467055, 0.09136956, -0.22399240]
@@ -200,7 +200,7 @@ def test_a_third_collision_of_a_step_that_the_second_one_leads_to(compiled, inad
 
 @pytest.mark.parametrize(("left", "apart"), [(0.6, True), (0.4, False)])
 def test_collisions_are_one_after_another_if_more_than_half_of_the_work_is_left(left, apart, monkeypatch):
-    """They take several times what the first looks take: a step that has spent much already would not end in time."""
+    """They take several times the work of the first solve: a step that has spent much already would take too long."""
     find, tried = ContactProblem.find, []
 
     def spend(self, data, rows, before, free, middle, metric, known, rounds, work, *, phases):
@@ -212,7 +212,7 @@ def test_collisions_are_one_after_another_if_more_than_half_of_the_work_is_left(
     monkeypatch.setattr(ContactProblem, "find", spend)
     model = line([2e-5, 2e-5])
     data = mujoco.MjData(model)
-    data.qvel[:] = 0.5, -0.5, -0.5  # none is thrown farther than contacts are looked for
+    data.qvel[:] = 0.5, -0.5, -0.5  # no ball is thrown beyond the margin of detection
     stepper = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled="never")
     stepper.step(data)
     assert any(tried) == apart
@@ -221,7 +221,7 @@ def test_collisions_are_one_after_another_if_more_than_half_of_the_work_is_left(
 
 @DRIVERS
 def test_looking_farther_leaves_work_for_the_collisions_of_a_row(compiled):
-    """Twenty elastic balls, each of which is hit several times in a step, throw each other far."""
+    """Twenty elastic balls, each of which is hit several times per step, throw each other far."""
     model = line([1e-3] * 19)
     for seed in range(12):
         data = mujoco.MjData(model)
@@ -233,7 +233,7 @@ def test_looking_farther_leaves_work_for_the_collisions_of_a_row(compiled):
 
 @pytest.mark.parametrize("seed", [3, 6])
 def test_contacts_of_a_face_are_left_out_together(seed, monkeypatch):
-    """One by one, each of them would hold the box that the last one left out had held before."""
+    """If they were left out one by one, each would hold the box as the previous one did."""
     turn = np.array([1.0, *(2e-3 * np.random.default_rng(seed).normal(size=3))])
     model = mujoco.MjModel.from_xml_string(
         '<mujoco><option gravity="0 0 0"/><worldbody>'
@@ -256,7 +256,7 @@ def test_contacts_of_a_face_are_left_out_together(seed, monkeypatch):
 
 
 def test_after_collisions_one_after_another_no_turn_is_known(monkeypatch):
-    """The last of them has only a part of the contacts; the step ends with other velocities than the first aimed at."""
+    """The last collision has only some of the contacts; the step does not end with the targets of the first one."""
     find, known = ContactProblem.find, []
 
     def spy(self, data, rows, *arguments, phases):

@@ -1,4 +1,4 @@
-"""Gyroscopic forces of time stepping are seen wherever moments of inertia differ, whenever they came to."""
+"""Time stepping takes gyroscopic forces into account wherever moments of inertia differ, also if they change later."""
 
 import mujoco
 import numpy as np
@@ -16,7 +16,7 @@ both = pytest.mark.parametrize("compiled_steps", ["auto", "never"])
 
 
 def _gain(stepper, data):
-    """Part of its energy that a free body gains, which starts to spin now, in 2 s; 1.3e-4 is of second order."""
+    """Return the relative energy gain over 2 s of a free body that starts to spin now; 1.3e-4 is of second order."""
     data.qvel[:] = SPIN
     start = energy(stepper.model, data)
     for _ in range(400):
@@ -72,7 +72,7 @@ TIP = """<geom type="plane" size="9 9 1"/><body pos="0 0 .3"><freejoint/>
 
 @both
 def test_a_tip_that_hits_at_the_very_end_of_a_step_gains_no_energy_of_first_order(compiled_steps):
-    """Spin of 40 rad/s that comes of the collision moves the time of it by some percent of a step of 1 ms."""
+    """The spin of 40 rad/s after the collision changes its time by some percent of a step of 1 ms."""
     model, data = compiled(TIP, option='gravity="0 0 0" timestep="1e-3"', geom='condim="1"')
     gains = []
     for part in np.linspace(1.4, 1.6, 81):
@@ -90,7 +90,7 @@ def test_a_tip_that_hits_at_the_very_end_of_a_step_gains_no_energy_of_first_orde
 
 @both
 def test_what_a_moving_surface_gives_is_no_energy_from_nowhere(compiled_steps):
-    """A plate at 1 m/s hits a body at rest that spins fast, which leaves at 1.5 m/s and spins on."""
+    """A plate at 1 m/s hits a fast spinning body at rest, which leaves at 1.5 m/s and spins on."""
     body = f'<inertial mass="1" pos="0 0 0" diaginertia="{" ".join(map(str, UNEVEN))}"/><geom size=".1"/>'
     plate = '<body mocap="true"><geom type="box" size=".1 1 1"/></body>'
     model, data = compiled(f"{plate}<body><freejoint/>{body}</body>", option=OPTION, geom='condim="1"')

@@ -1,4 +1,4 @@
-"""Bodies that jam: with friction no impulse separates them, whatever the law asks for."""
+"""Jammed bodies: with friction no impulse separates them, whatever the law asks for."""
 
 import mujoco
 import numpy as np
@@ -37,7 +37,7 @@ def test_a_mass_on_a_rail_rebounds_while_friction_lets_it(compiled):
 @pytest.mark.parametrize("compiled", ["auto", "never"])
 @pytest.mark.parametrize("friction", [0.6, 1.0, 3.0])
 def test_it_stays_where_friction_holds_it_and_that_is_counted(friction, compiled):
-    """Friction against a slip backwards would press it on: only without restitution there is a solution."""
+    """Friction against backward slip would press it on: a solution exists only without restitution."""
     data, stepper = _stepped(friction, compiled=compiled)
     np.testing.assert_allclose(data.qvel[0], 0.0, atol=1e-9)
     assert stepper.short_steps == 1

@@ -1,4 +1,4 @@
-"""Piles of bodies: friction that is not unique, and contacts that come and go in each step."""
+"""Piles of bodies: friction without a unique solution, and contacts that change in each step."""
 
 import copy
 
@@ -13,7 +13,7 @@ _HALF, _SPACING = (0.004, 0.012, 0.024), 0.022
 
 
 def _dominoes(count: int, push: float) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """Return a row of dominoes, the first one pushed over at so many rad/s."""
+    """Return a row of dominoes, the first one pushed over at `push` rad/s."""
     spec = mujoco.MjSpec()
     spec.option.timestep = 0.002
     spec.default.geom.friction[0], spec.default.geom.density = 0.5, 500.0
@@ -42,7 +42,7 @@ def test_dominoes_that_lean_on_each_other_meet_the_law(push):
 
 
 def test_compiled_steps_spend_their_work_as_those_in_python(monkeypatch):
-    """Where the first looks take half of it, collisions are not one after another, whatever is lost."""
+    """If the first solves take half of the work, collisions are not resolved in sequence, whatever is lost."""
     model, data = _dominoes(24, 4.0)
     stepper, alike, looks = Stepper(model, Moreau(0.5), scheme="time-stepping"), [], []
     find = ContactProblem.find
@@ -70,7 +70,7 @@ def test_compiled_steps_spend_their_work_as_those_in_python(monkeypatch):
 
 
 def _cylinders(seed: int, count: int = 8) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """Return cylinders that fall into a pit, turned at random."""
+    """Return cylinders with random orientations that fall into a pit."""
     random, spec = np.random.default_rng(seed), mujoco.MjSpec()
     spec.default.geom.density = 500.0
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1])
@@ -88,9 +88,9 @@ def _cylinders(seed: int, count: int = 8) -> tuple[mujoco.MjModel, mujoco.MjData
 
 @pytest.mark.parametrize("seed", [3, 22])
 def test_heap_whose_contact_points_jump_comes_to_rest(seed):
-    """Both do from starts that differ by 1e-9 m/s, too; of others, a cylinder rolls away or turns on two contacts.
+    """Also from starts that differ by 1e-9 m/s; with other seeds a cylinder rolls away or turns on two contacts.
 
-    In some, there is a step in which cylinders hit each other more often than is followed.
+    With some seeds, there is a step in which cylinders hit each other more often than the scheme follows.
     """
     model, data = _cylinders(seed)
     stepper = Stepper(model, Moreau(0.0), scheme="time-stepping")
@@ -124,7 +124,7 @@ def _boxed_pile(seed: int) -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 @pytest.mark.parametrize("compiled", ["auto", "never"])
 def test_steps_whose_friction_is_not_found_are_counted(compiled):
-    """Large friction jams bodies between walls: normal velocities are met, but that of sliding is not."""
+    """Large friction jams bodies between walls: normal velocities reach their targets, but sliding ones do not."""
     model, data = _boxed_pile(0)
     stepper, missed = Stepper(model, Moreau(0.0), scheme="time-stepping", compiled=compiled), 0.0
     for _ in range(70):

@@ -1,4 +1,4 @@
-"""Steps in compiled code are those of the scheme in Python."""
+"""Compiled steps equal those of the scheme in Python."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_compiled_steps_are_those_of_python(variant: dict[str, str], name: str):
     "law", [Moreau(1.0), Coulomb(Moreau(1.0), tangential_restitution=0.1)], ids=["moreau", "along"]
 )
 def test_rods_far_from_each_other(law: Law):
-    """They collide in the same step, and some would gain energy: each is judged by itself."""
+    """They collide in the same step, and some would gain energy: each is judged separately."""
     rods = "".join(
         f'<body pos="{3 * i} 0 .81"><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>'
         '<joint axis="0 1 0"/><inertial pos="0 0 0" mass="1" diaginertia=".33 .33 .33"/>'
@@ -94,7 +94,7 @@ def test_rods_far_from_each_other(law: Law):
         begin_alike(ours, python, one, other)
         ours.step(one)
         python.step(other)
-        np.testing.assert_allclose(one.qvel, other.qvel, rtol=0, atol=1e-9)  # a search ends at 1e-10 of the energy
+        np.testing.assert_allclose(one.qvel, other.qvel, rtol=0, atol=1e-9)  # the search ends at 1e-10 of the energy
         assert len(ours.events) == len(python.events)
         for mine, theirs in zip(ours.events, python.events, strict=True):
             assert mine.impact.restitution_scale == pytest.approx(theirs.impact.restitution_scale, abs=1e-9)

@@ -1,4 +1,4 @@
-"""Compiled steps take mocap bodies along as the scheme in Python does."""
+"""Compiled steps move mocap bodies as the scheme in Python does."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def _both(model: mujoco.MjModel, law: Law) -> tuple[Stepper, Stepper]:
 def _step_alike(
     steppers: tuple[Stepper, Stepper], one: mujoco.MjData, other: mujoco.MjData, steps: int, move: Move
 ) -> int:
-    """Step both from the same states and compare; return how many collisions there were."""
+    """Step both from the same states and compare; return the number of collisions."""
     ours, python = steppers
     collisions = 0
     for _ in range(steps):
@@ -71,7 +71,7 @@ def _step_alike(
         begin_alike(ours, python, one, other)
         ours.step(one)
         python.step(other)
-        assert difference(one, other, forces=False) < 1e-10  # of contacts that stick, rounding decides it
+        assert difference(one, other, forces=False) < 1e-10  # with sticking contacts, rounding decides the forces
         assert np.array_equal(one.mocap_pos, other.mocap_pos)
         assert np.array_equal(one.mocap_quat, other.mocap_quat)
         assert len(ours.events) == len(python.events)
@@ -117,7 +117,7 @@ def test_environments_step_as_in_python(name: str):
 
 
 def test_drivers_alone_follow_the_same_path():
-    """Neither takes over from the other what it remembers."""
+    """Neither stepper takes over the memory of the other."""
     table = '<body mocap="true" pos="0 0 -.1"><geom type="box" size=".5 .5 .1"/></body>'
     model, one = compiled(table + '<body pos="0 0 .2"><freejoint/><geom size=".07"/></body>')
     (ours, python), other = _both(model, Moreau(0.7)), mujoco.MjData(model)
@@ -164,7 +164,7 @@ def test_copies_go_on_alike():
 
 
 def test_steps_in_python_go_on_from_compiled_ones():
-    """While a callback is set, steps are in Python."""
+    """While a callback is set, steps are taken in Python."""
     model, one = compiled(SCENES["table"])
     ours, always = (Stepper(model, Moreau(0.5), scheme="time-stepping") for _ in range(2))
     other = copy.copy(one)

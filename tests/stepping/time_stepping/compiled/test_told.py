@@ -1,4 +1,4 @@
-"""What compiled steps tell of their collisions: sums without events, and events of the law that was in force."""
+"""Collisions of compiled steps: sums without events, and events of the law that was in force."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ON_A_BELT = """<mujoco><worldbody>
 
 
 def events_asked_for(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
-    """Return a list that says for each step taken once more for its sums whether events had to tell them."""
+    """Return a list that gets, for each repeated step, whether its sums had to be found from events."""
     asked, find = [], told.Teller.sums
 
     def listen(teller: told.Teller, *arguments: object) -> ImpactSums | None:
@@ -88,7 +88,7 @@ def test_sums_leave_the_next_steps_alone():
 
 
 def test_sums_of_later_phases():
-    """Balls that are apart by less than they go in a step collide one after another in one step."""
+    """Balls that are closer than their path in a step collide one after another in one step."""
     balls = "".join(
         f'<body pos="{0.20002 * i} 0 0"><joint type="slide" axis="1 0 0"/><geom size=".1" mass="1"/></body>'
         for i in range(3)
@@ -119,7 +119,7 @@ def test_moving_surfaces_are_told_by_events(monkeypatch: pytest.MonkeyPatch):
 
 
 def fall(law: Law) -> tuple[Stepper, mujoco.MjData]:
-    """Return a ball that has just hit the floor."""
+    """Return a ball that has just hit the floor, and its data."""
     model = mujoco.MjModel.from_xml_string(BALL)
     data = mujoco.MjData(model)
     data.qvel[2] = -1.0
@@ -140,7 +140,7 @@ def energy(events: tuple[ImpactEvent, ...]) -> float:
 
 
 def test_sums_that_a_step_was_not_to_find_are_not_those_of_a_step_before():
-    """They are not found until somebody asks; a copy has the numbers of its original, of whom somebody has asked."""
+    """Sums are not found until they are read; a copy has the memory of its original, whose sums have been read."""
     stepper, data = fall(Moreau(0.5))
     assert stepper.sums.collisions
     stepper.step(data)
@@ -195,7 +195,7 @@ def test_nothing_of_no_collision():
 
 
 def test_another_solution_in_python_is_told_and_not_taken_for_a_changed_model(monkeypatch: pytest.MonkeyPatch):
-    """Problems of friction can have several solutions, of which compiled code and Python find different ones."""
+    """Friction problems can have several solutions, and compiled code and Python may find different ones."""
     model = mujoco.MjModel.from_xml_string(BALL)
     stepper, data = compiled_stepper(model, Moreau(0.5)), mujoco.MjData(model)
     data.qvel[2] = -1.0

@@ -24,7 +24,7 @@ def test_an_adhesion_actuator_holds_a_box_on_a_ceiling(force, holds):
 
 @pytest.mark.parametrize("away", [0.0, 0.002, 0.005])
 def test_adhesion_of_geoms_holds_and_pulls_within_its_range(away):
-    """Four contacts of 30 N against 19.6 N, in touch and across the range of 1 cm."""
+    """Four contacts of 30 N against 19.6 N, in contact and across the range of 1 cm."""
     world = f"""<geom type="box" size="1 1 .1" pos="0 0 .1"/><body pos="0 0 {-0.1 - away}"><freejoint/>
         <geom type="box" size=".1 .1 .1" mass="2" adhesion="30" gap=".01"/></body>"""
     model, data = compiled(world)

@@ -1,4 +1,4 @@
-"""Bodies that grow after their stepper was made: contacts are looked for as far as they reach now."""
+"""Bodies that grow after their stepper is made: contacts are detected up to their current size."""
 
 import mujoco
 import numpy as np
@@ -21,7 +21,7 @@ _SHAPE = ("geom_size", "geom_rbound", "geom_aabb")
 
 
 def grow(fields):
-    """Make the rod 2 m long, in arrays by their names."""
+    """Make the rod 2 m long, in arrays given by name."""
     fields["geom_size"][..., 1, 1], fields["geom_rbound"][..., 1] = 1.0, 1.02
 
 
@@ -30,7 +30,7 @@ def grow_model(model):
 
 
 def spun(compiled, *, late):
-    """Return the states of a rod that spins and hits the floor; it has grown before its stepper was made, or later."""
+    """Return the states of a rod that spins and hits the floor; it grows before its stepper is made, or later."""
     model = mujoco.MjModel.from_xml_string(_ROD)
     data = mujoco.MjData(model)
     if not late:
@@ -71,17 +71,17 @@ _PADDLE = """<mujoco>
 
 
 def lengthen(fields):
-    """Make the paddle 2 m long, in arrays by their names."""
+    """Make the paddle 2 m long, in arrays given by name."""
     fields["geom_size"][..., 0, 0], fields["geom_rbound"][..., 0], fields["geom_aabb"][..., 0, 3] = 1.0, 1.0004, 1.0
 
 
 def turned(step):
-    """Return the orientation of a paddle that turns by 25 rad/s."""
+    """Return the orientation of a paddle that turns at 25 rad/s."""
     return [np.cos(0.025 * step), 0.0, 0.0, np.sin(0.025 * step)]
 
 
 def struck(options, *, late):
-    """Return the velocity of a ball that a paddle strikes, which has grown before its stepper was made, or later."""
+    """Return the velocity of a ball struck by a paddle, which grows before its stepper is made, or later."""
     model = mujoco.MjModel.from_xml_string(_PADDLE)
     data, fields = mujoco.MjData(model), {name: getattr(model, name) for name in _SHAPE}
     if not late:

@@ -19,7 +19,7 @@ MASSES = """<body pos="0 0 1.1"><joint name="down" type="slide" axis="0 0 1"/>
 @pytest.mark.parametrize("how", ["joint", "tendon"])
 @pytest.mark.parametrize("timestep", [2e-3, 5e-4])
 def test_two_masses_on_a_rope_hit_the_floor_together(how, timestep):
-    """After 1 m with g / 2 all 4 kg stop and go back: Lambda = 4 (1 + e) u, u = sqrt(g)."""
+    """After 1 m at g / 2 all 4 kg stop and return: Lambda = 4 (1 + e) u, u = sqrt(g)."""
     rest = '<equality><joint joint1="up" joint2="down" polycoef="0 -1 0 0 0"/></equality>'
     if how == "tendon":
         both = '<joint joint="down" coef="1"/><joint joint="up" coef="1"/>'
@@ -32,7 +32,7 @@ def test_two_masses_on_a_rope_hit_the_floor_together(how, timestep):
     assert event.impact.impulse == pytest.approx([18.79], abs=6 * G * timestep)
     assert event.impact.post_velocity == pytest.approx([1.566, -1.566], abs=0.5 * G * timestep)
     assert data.qvel[0] == pytest.approx(-0.5 * before[0], abs=1e-9)
-    assert data.qvel[1] == pytest.approx(-data.qvel[0], abs=5e-3)  # MuJoCo's rope gives a little between collisions
+    assert data.qvel[1] == pytest.approx(-data.qvel[0], abs=5e-3)  # MuJoCo's rope gives slightly between collisions
 
 
 def test_a_connect_makes_a_pendulum_of_a_free_body():
@@ -79,7 +79,7 @@ def test_equality_constraints_that_are_off_hold_nothing():
 @pytest.mark.parametrize("compiled_steps", ["auto", "never"])
 @pytest.mark.parametrize("pitch", [0.03, 0.05])
 def test_a_screw_that_slips_a_little_bounces_with_its_spin(pitch, compiled_steps):
-    """MuJoCo's coupling slips by 1 and 2 % of the fall: it is no less one mass of m + I / p^2 in the collision."""
+    """MuJoCo's coupling slips by 1 and 2 % of the fall, but in the collision it acts as one mass m + I / p^2."""
     screw = """<body pos="0 0 .5"><joint name="z" type="slide" axis="0 0 1"/><joint name="turn" axis="0 0 1"/>
         <geom size=".1" mass="1" friction="0"/></body>"""
     rest = f'<equality><joint joint1="z" joint2="turn" polycoef="0 {pitch} 0 0 0"/></equality>'

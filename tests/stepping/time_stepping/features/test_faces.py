@@ -1,4 +1,4 @@
-"""Several points of contact of one face: a body rolls onto it without bracing itself against the floor."""
+"""Several contact points of one face: a body rolls onto it without pushing itself off the floor."""
 
 import mujoco
 import numpy as np
@@ -13,7 +13,7 @@ TABLE = """<mujoco><option timestep="0.002" cone="elliptic"/><worldbody><geom ty
     <geom size=".005" pos="-.1 .04 -.095"/><geom size=".005" pos=".1 .04 -.095"/></body></worldbody></mujoco>"""
 BODIES, GEOMS = np.array([0, 0, 1], np.int32), np.array([[0, 2], [1, 2]], np.int32)
 WELD = np.array([1, 2], np.int32)
-BOTH, SECOND = np.array([0, 1], np.int32), np.array([-1, 0], np.int32)  # bodies that have degrees of freedom
+BOTH, SECOND = np.array([0, 1], np.int32), np.array([-1, 0], np.int32)  # indices of bodies with degrees of freedom
 
 
 @pytest.mark.parametrize("compiled", ["auto", "never"])
@@ -30,11 +30,11 @@ def test_a_table_that_comes_down_on_four_feet_is_held_without_friction(compiled)
             mujoco.mj_contactForce(model, data, k, forces[k])
         assert np.abs(forces[:, 1:3]).max() < 0.1 * forces[:, 0].max()
     assert np.abs(data.qvel).max() < 1e-9
-    assert np.ptp(data.geom_xpos[2:, 2]) < 1e-6  # bodies at rest touch from there
+    assert np.ptp(data.geom_xpos[2:, 2]) < 1e-6  # bodies at rest touch below this distance
 
 
 def _leveled(gaps, heights, second=(0.0, 0.0, 1.0), *, move=BOTH, condim=3):
-    """Return whether two points move, and their heights after; the second has this normal."""
+    """Return whether two points are moved, and their heights afterwards; the second one has the given normal."""
     pos, frame = np.array([[0.0, 0.0, heights[0]], [1.0, 0.0, heights[1]]]), np.zeros((2, 9))
     frame[0, :3], frame[1, :3] = (0.0, 0.0, 1.0), second
     moved = mend_contacts(np.array(gaps), pos, frame, np.full(2, condim, np.int32), GEOMS, BODIES, WELD, move)
@@ -68,7 +68,7 @@ def test_points_far_above_what_does_not_move_are_on_the_body():
 
 
 @pytest.mark.parametrize("compiled", ["auto", "never"])
-@pytest.mark.parametrize("start", [0.0, 0.3, 0.6, 0.9])  # of a step, when it hits
+@pytest.mark.parametrize("start", [0.0, 0.3, 0.6, 0.9])  # part of a step at which it hits
 @pytest.mark.parametrize("on_a_box", [False, True])
 def test_a_ball_that_bounces_and_sticks_gets_the_spin_of_its_radius(start, on_a_box, compiled):
     """Jump of a solid sphere that sticks: -2/7 of its speed along the floor, and the spin with which it rolls."""

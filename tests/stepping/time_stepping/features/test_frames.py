@@ -1,4 +1,4 @@
-"""Frames of contacts that MuJoCo does not make orthogonal: friction does not depend on how a scene is turned."""
+"""Contact frames that MuJoCo does not make orthogonal: friction is independent of the orientation of the scene."""
 
 import mujoco
 import numpy as np
@@ -15,7 +15,7 @@ TURNED = [Rotation.from_euler("y", 90, degrees=True), *(Rotation.random(random_s
 
 
 def _landed(turned: Rotation, e: float, compiled: str) -> np.ndarray:
-    """Return the velocity after an upright capsule has slid over a plane, both turned, in the frame of the plane."""
+    """Return the velocity after an upright capsule slides over a plane, both rotated, in the frame of the plane."""
     up = turned.apply([0.0, 0.0, 1.0])
     numbers = {"gravity": -9.81 * up, "pos": 0.16 * up, "quat": np.roll(turned.as_quat(), 1)}
     xml = CAPSULE.format(**{name: " ".join(map(repr, values.tolist())) for name, values in numbers.items()})

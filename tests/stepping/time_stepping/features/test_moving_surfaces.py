@@ -1,4 +1,4 @@
-"""Surfaces that move under time stepping: tables, belts, grippers."""
+"""Moving surfaces under time stepping: tables, belts, grippers."""
 
 import math
 
@@ -48,11 +48,11 @@ def test_a_ball_rides_on_a_table():
     for _ in range(300):
         events = drive(stepper, data, lambda t: 0.05 * (1 - math.cos(10 * t)), 1)
         assert events == []
-        assert data.qpos[0] == pytest.approx(data.mocap_pos[0, 2], abs=2e-4)  # the table turns round within a step
+        assert data.qpos[0] == pytest.approx(data.mocap_pos[0, 2], abs=2e-4)  # the table reverses within a step
 
 
 def test_a_fast_table_hits_what_it_would_pass_through():
-    """Nothing but the table moves: 50 m/s, 10 cm a step, against a ball of 2 cm at rest."""
+    """Only the table moves: 50 m/s, 10 cm per step, against a ball of 2 cm at rest."""
     ball = '<body pos="0 0 1"><joint type="slide" axis="0 0 1"/><geom size=".01" mass="1"/></body>'
     thin = '<body name="table" mocap="true"><geom type="box" size="1 1 .001"/></body>'
     model, data = compiled(thin + ball, option='gravity="0 0 0" timestep="2e-3"', geom='condim="1"')
@@ -77,7 +77,7 @@ def test_a_mocap_gripper_that_closes_on_a_box_is_no_error_and_does_not_throw_it(
         data.mocap_pos[:, 0] += [5e-6, -5e-6]
         stepper.step(data)
         assert data.qpos[:3] == pytest.approx([0, 0, 0.1], abs=5e-4)  # somewhere between the two
-        assert np.linalg.norm(data.qvel[:3]) < math.sqrt(2 * G * 5e-4)  # a fall of as much as it is squeezed
+        assert np.linalg.norm(data.qvel[:3]) < math.sqrt(2 * G * 5e-4)  # a fall by the depth of the squeeze
 
 
 @pytest.mark.parametrize("condim", [3, 4])

@@ -1,4 +1,4 @@
-"""Mocap bodies that are put somewhere else, and others that move as far as they can."""
+"""Mocap bodies that are placed elsewhere, and others that move as fast as they can."""
 
 import mujoco
 import numpy as np
@@ -22,7 +22,7 @@ _PUT = """<mujoco>
     ids=["compiled", "python", "event-driven"],
 )
 def test_what_is_put_somewhere_else_does_not_strike(options):
-    """A box beside another one that rests: it comes from 2 m away in one step, and stands there."""
+    """A box is put beside another one at rest: it comes from 2 m away in one step, and stands there."""
     model = mujoco.MjModel.from_xml_string(_PUT)
     data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.5), **options)
     for step in range(60):

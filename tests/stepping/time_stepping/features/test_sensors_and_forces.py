@@ -98,7 +98,7 @@ def test_limits_and_dry_friction_tell_their_forces():
 
 @pytest.mark.parametrize("compiled_option", ["auto", "never"])
 def test_the_energy_of_tendons_is_that_of_the_end(compiled_option):
-    """A spring, and a tendon with inertia, whose lengths the step has looked at in its middle."""
+    """A spring, and a tendon with inertia, whose lengths the step evaluates at its midpoint."""
     world = """<site name="hook" pos="1 0 1"/><body><joint axis="0 1 0"/><geom size=".05" pos=".3 0 0" mass="1"/>
         <site name="tip" pos=".3 0 0"/></body>"""
     rest = """<tendon><spatial stiffness="30" armature=".5"><site site="tip"/><site site="hook"/></spatial></tendon>"""

@@ -1,4 +1,4 @@
-"""Shapes under time stepping: meshes, height fields, round bodies, and fast ones that must not pass through."""
+"""Shapes under time stepping: meshes, height fields, round bodies, and fast bodies that must not tunnel."""
 
 import math
 
@@ -47,7 +47,7 @@ def test_round_shapes_fall_and_rest(shape):
 
 
 def test_a_cylinder_rolls_as_far_as_it_should():
-    """Solid, a = 2/3 g sin(angle) where it sticks."""
+    """For a solid cylinder that sticks, a = 2/3 g sin(angle)."""
     angle = 0.2
     world = FLOOR + '<body pos="0 0 .1" euler="90 0 0"><freejoint/><geom type="cylinder" size=".1 .3" mass="1"/></body>'
     option = f'gravity="{G * math.sin(angle)} 0 {-G * math.cos(angle)}" timestep="1e-3"'

@@ -11,9 +11,9 @@ from impactlaw import Coulomb, Newton
 
 
 def oblique(mu, e, e_t=0.0, *, spin=0.0, vx=3.0, vz=-2.0):
-    """A solid ball hits the floor obliquely: velocity after by Coulomb's law in closed form, and that of a step.
+    """Return the velocity after a solid ball hits the floor obliquely, by Coulomb's closed form and by a step.
 
-    It is in touch in the middle of the step, where the lever of friction is its radius.
+    The ball touches the floor in the middle of the step, where the lever of friction is its radius.
     """
     r, m = 0.1, 1.0
     ball = f'<body pos="0 0 {r - 0.001 * vz}"><freejoint/><geom size="{r}" mass="{m}"/></body>'
@@ -47,7 +47,7 @@ def test_an_oblique_impact_follows_coulombs_closed_form(mu, e, e_t, spin):
 
 
 def test_the_convex_relaxation_of_an_oblique_impact_is_another_one():
-    """u in K: the normal velocity aimed at grows by mu times the slip, so that what slides also hops."""
+    """u in K: the target normal velocity grows by mu times the slip, so that sliding bodies also hop."""
     ball = '<body pos="0 0 .101"><freejoint/><geom size=".1" mass="1"/></body>'
     model, data = compiled(FLOOR + ball, option='gravity="0 0 0"', geom='friction=".1 0 0" condim="3"')
     data.qvel[[0, 2]] = 3.0, -2.0
@@ -66,7 +66,7 @@ def test_friction_can_be_ignored_in_an_impact():
 
 
 def test_the_time_of_flight_of_a_slope_goes_with_its_angle():
-    """A frictionless ball dropped on a slope of 30 degrees keeps its tangential velocity, e = 1/2 of the normal one."""
+    """A frictionless ball dropped on a slope of 30 degrees keeps its tangential and half of its normal velocity."""
     slope = f'<geom name="slope" type="plane" size="9 9 1" zaxis="{math.sin(math.pi / 6)} 0 {math.cos(math.pi / 6)}"/>'
     ball = '<body pos="0 0 .5"><freejoint/><geom size=".1"/></body>'
     model, data = compiled(slope + ball, geom='condim="1"')

@@ -1,4 +1,4 @@
-"""Errors of time stepping fall with the timestep as they should."""
+"""Errors of time stepping decrease with the timestep at the expected order."""
 
 import math
 
@@ -14,7 +14,7 @@ G = 9.81
 
 
 def bounce(t, height, e):
-    """Height of a ball after a time, dropped from a height."""
+    """Return the height of a ball some time after it is dropped from a height."""
     fall = math.sqrt(2 * height / G)
     if t < fall:
         return height - 0.5 * G * t * t
@@ -28,7 +28,7 @@ def bounce(t, height, e):
 
 
 def bouncing_error(timestep, e):
-    """Mean error of the height at the end, over heights of the start: where in a step impacts are averages out."""
+    """Return the mean error of the final height over initial heights: this averages the phases of impacts in a step."""
     errors = []
     ball = '<body><joint type="slide" axis="0 0 1"/><geom size=".1"/></body>'
     for height in np.linspace(0.3, 0.5, 30):
@@ -51,7 +51,7 @@ def test_the_bouncing_ball_is_of_first_order(e):
 
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
 def test_smooth_motion_is_of_second_order(integrator):
-    """A double pendulum without contact, against a tiny step of RK4."""
+    """A double pendulum without contact, against tiny steps of RK4."""
     world = """<body><joint axis="0 1 0"/><geom size=".05" pos="0 0 -.5" mass="1"/>
         <body pos="0 0 -.5"><joint axis="0 1 0"/><geom size=".05" pos="0 0 -.5" mass="1"/></body></body>"""
 
@@ -83,7 +83,7 @@ POINT = """<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/><
 @pytest.mark.parametrize("inertia", ["of a tendon", "of its actuator"])
 @pytest.mark.parametrize("body", [ARM, POINT])
 def test_a_tendon_with_inertia_that_turns(body, inertia, compiled_option):
-    """Its inertia depends on its direction, and so there are inertial forces; against a tiny step of RK4."""
+    """Its inertia depends on its direction, which causes inertial forces; against tiny steps of RK4."""
     tendon, actuator = (' armature=".5"', "") if inertia == "of a tendon" else ("", ' armature=".5"')
     rest = f"""<tendon><spatial name="t"{tendon}><site site="tip"/><site site="hook"/></spatial></tendon>
         <actuator><motor tendon="t"{actuator}/></actuator>"""

@@ -1,4 +1,4 @@
-"""Impacts on floors, walls and limits under time stepping keep e of the speed they came with."""
+"""Impacts on floors, walls and limits under time stepping return e times the speed."""
 
 import pytest
 from scenes import compiled
@@ -26,7 +26,7 @@ def test_a_ball_leaves_the_floor_with_e_times_the_speed_it_came_with(e, timestep
 @pytest.mark.parametrize("timestep", [1e-3, 1e-2, 0.05])
 @pytest.mark.parametrize("e", [0.3, 1.0])
 def test_a_ball_between_two_walls_keeps_e_of_its_speed_at_each(e, timestep):
-    """Without gravity, walls nearer than the way of a step at times: opens and closes within a step."""
+    """Without gravity, with walls sometimes closer than the path of a step: contacts open and close within a step."""
     world = """<geom type="box" size=".1 1 1" pos="-1 0 0"/><geom type="box" size=".1 1 1" pos="1 0 0"/>
         <body><joint type="slide" axis="1 0 0"/><geom name="ball" size=".1"/></body>"""
     model, data = compiled(world, option=f'gravity="0 0 0" timestep="{timestep}"', geom='condim="1"')
@@ -52,7 +52,7 @@ def test_a_joint_limit_has_restitution(e):
     assert data.qvel[0] == pytest.approx(-e * before[0], abs=1e-9)
     assert event.contacts.labels == ("rail",)
     assert event.impact.impulse == pytest.approx([3 * (1 + e) * 3.7], abs=1e-9)
-    assert 2.0 - (1 + e / 2) * 3.7 * 0.01 - 1e-9 < data.qpos[0] < 2.0 + 1e-9  # within the way of a step, never beyond
+    assert 2.0 - (1 + e / 2) * 3.7 * 0.01 - 1e-9 < data.qpos[0] < 2.0 + 1e-9  # within the path of a step, never beyond
 
 
 def test_a_ball_joint_and_a_tendon_have_limits_with_restitution():
@@ -88,7 +88,7 @@ def test_mass_ratios_and_sizes_do_not_matter_to_the_law():
 
 
 def test_a_contact_hit_through_its_neighbour_across_an_open_gap_keeps_its_restitution():
-    """Two equal balls 1 mm apart, the first one struck: with e = 1 the struck one stops and the other takes it on."""
+    """Equal balls 1 mm apart, the first one moving: with e = 1 each stops when it hits, and the next one moves on."""
     world = "".join(
         f'<body pos="{x} 0 0"><joint type="slide" axis="1 0 0"/><geom size=".1" mass="1"/></body>'
         for x in (0, 0.201, 0.402, 0.603)

@@ -73,13 +73,13 @@ def test_moreaus_law_on_a_chain_is_p_plus_e_times_p_minus_the_velocity_before(n,
 
 
 def test_the_swinging_cradle_reverses_its_velocities_in_its_first_two_impacts():
-    """Later ones find balls that hang up to the way of a step apart."""
+    """Later impacts find balls that hang up to the path of a step apart."""
     model, data = load("newtons_cradle")
     model.opt.timestep = 1e-3
     stepper = stepping(model, Fremond.reversal())
     before, event = first_impact(stepper, data)
     assert event.impact.post_velocity == pytest.approx([0, 0, 0, 0, 1], abs=1e-6)
-    assert data.qvel == pytest.approx([0, 0, 0, 0, 1], abs=0.5 * 9.81 * 0.001**2 + 1e-6)  # with gravity of the step
+    assert data.qvel == pytest.approx([0, 0, 0, 0, 1], abs=0.5 * 9.81 * 0.001**2 + 1e-6)  # with gravity during the step
     before, event = first_impact(stepper, data)
     assert len(event.contacts.labels) == 4
     assert event.impact.collision.pre_velocity == pytest.approx(before, abs=1e-12)
@@ -88,7 +88,7 @@ def test_the_swinging_cradle_reverses_its_velocities_in_its_first_two_impacts():
 
 
 def test_the_falling_rod_stands_on_its_dead_end():
-    """One end with e = 1, one with 0, as the scene says: gamma+ = (1, 0) and Lambda = (5/6, 2/3) at 1 m/s."""
+    """The left end with e = 1, the right one with 0, as in the scene: gamma+ = (1, 0), Lambda = (5/6, 2/3) at 1 m/s."""
     model, data = load("falling_rod")
     stepper = stepping(model, "scene")
     before, event = first_impact(stepper, data)
@@ -192,7 +192,7 @@ SWAPPED = {
 @pytest.mark.parametrize("timestep", [9e-4, 1e-3, 1.25e-3])
 @pytest.mark.parametrize("law", [Fremond.reversal(), Fremond(SWAPPED)], ids=["reversal", "by contacts"])
 def test_a_cradle_swings_back_through_all_its_balls(law, timestep):
-    """In the second collision the balls at rest part by rounding, and still are what the law couples."""
+    """In the second collision the balls at rest separate by rounding, but are still coupled by the law."""
     model, data = load("newtons_cradle")
     model.opt.timestep = timestep
     stepper = stepping(model, law)

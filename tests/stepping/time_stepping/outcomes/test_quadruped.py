@@ -1,4 +1,4 @@
-"""A robot of four legs stands, lands and is held under time stepping, with feet of every condim."""
+"""A four-legged robot stands, lands and is held under time stepping, with feet of every condim."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def test_it_stands_for_five_seconds_and_does_not_drift(condim, law):
 
 @pytest.mark.parametrize("condim", [3, 6])
 def test_it_stands_by_a_controller_of_ones_own(condim):
-    """PD through qfrc_applied, so explicit."""
+    """A PD controller through qfrc_applied, and therefore explicit."""
     model, data, feet = quadruped(condim, servo=False, integrator="Euler", timestep=2e-3, armature=0.02)
     stepper = stepping(model, Moreau(0.0))
     start = None
@@ -78,7 +78,7 @@ def test_it_falls_without_a_controller_and_loses_energy_only():
 
 
 def test_it_slides_on_ice_and_is_braked_on_felt():
-    """Pushed at 0.5 m/s: without friction it goes on, with it it stops."""
+    """Pushed at 0.5 m/s: without friction it keeps moving, with friction it stops."""
     speeds = []
     for friction in ("ignore", "coulomb"):
         model, data, _ = quadruped(3)

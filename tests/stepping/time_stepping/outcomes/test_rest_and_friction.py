@@ -1,4 +1,4 @@
-"""What rests stays, what slides stops where it should, and no block hops."""
+"""Bodies at rest stay at rest, sliding bodies stop at the right place, and no block hops."""
 
 import math
 
@@ -55,7 +55,7 @@ def test_a_box_stays_at_any_timestep_and_integrator(integrator, timestep):
 @pytest.mark.parametrize("height", [0.2, 0.205, 0.215, 0.235, 0.3])
 @pytest.mark.parametrize("option", ["auto", "never"])
 def test_a_box_that_lands_flat_stays_flat(height, option):
-    # a step above the floor it falls at just the speed from which corners collide: rounding must not choose among them
+    # one step above the floor its speed is just the limit at which corners collide: rounding must not choose among them
     model, data = compiled(FLOOR + box(z=height, size=0.1).replace("<body", '<body euler="0 0 33.3"'))
     data.qvel[:2] = 0.3, -0.2
     stepper = stepping(model, MaximalDissipation(), compiled=option)
@@ -103,7 +103,7 @@ def test_other_shapes_at_rest_stay(law, kind):
     mujoco.mj_forward(model, data)
     data.qpos[2] -= min(contact.dist for contact in data.contact) if data.ncon else 0.0
     if kind == "mesh":
-        data.qpos[2] += 1e-12  # the mesh's frame is its center of mass
+        data.qpos[2] += 1e-12  # the origin of the mesh is its centre of mass
     mujoco.mj_forward(model, data)
     assert_stays(model, data, law, 100)
 
@@ -135,7 +135,7 @@ def test_a_box_below_the_friction_angle_stays_and_one_above_slides_by_the_closed
 
 
 def slide(timestep, friction, law=None):
-    """A block of 2 m/s on a floor with mu = 0.3: how far it slides, how high its center comes, its speed at the end."""
+    """Slide a block at 2 m/s on a floor with mu = 0.3; return distance, largest height of its centre, final speed."""
     model, data = compiled(FLOOR + box(), option=f'timestep="{timestep}"', geom='friction=".3"')
     data.qvel[0] = 2.0
     stepper, highest = stepping(model, law or Newton(0.5), friction=friction), 0.0
@@ -166,7 +166,7 @@ def test_the_convex_relaxation_lets_the_block_hop_and_no_friction_lets_it_go():
 
 
 def test_a_spinning_ball_is_stopped_by_torsional_friction_in_the_closed_form_time():
-    """I = 2/5 m r^2, moment mu_t m g: w falls by mu_t m g / I, and it stays where it is."""
+    """I = 2/5 m r^2, moment mu_t m g: w decreases by mu_t m g / I per second, and the ball stays in place."""
     ball = '<body pos="0 0 .1"><freejoint/><geom size=".1" mass="2"/></body>'
     model, data = compiled(FLOOR + ball, geom='condim="4" friction="1 .01 0"')
     data.qvel[5] = 5.0
@@ -189,7 +189,7 @@ def test_a_ball_that_slides_rolls_in_the_end_with_five_sevenths_of_its_speed():
 
 
 def test_rolling_friction_stops_a_rolling_ball():
-    """Rolling on, ``(m r^2 + I) dw/dt = -mu_r m g``, where the friction needed is far from its bound."""
+    """While it rolls, ``(m r^2 + I) dw/dt = -mu_r m g``; the friction needed is far below its bound."""
     ball = '<body pos="0 0 .1"><freejoint/><geom size=".1" mass="2"/></body>'
     mu_r = 5e-3
     model, data = compiled(FLOOR + ball, geom=f'condim="6" friction="1 .1 {mu_r}"')
@@ -249,7 +249,7 @@ def test_an_overlap_of_the_start_opens_without_adding_velocity(overlap):
 
 
 def test_a_jammed_wedge_stays_jammed():
-    """A ball between two walls of 10 degrees holds by friction of 0.3 whatever its weight."""
+    """A ball between two walls at 10 degrees is held by friction of 0.3, whatever its weight."""
     a = math.radians(5)
     walls = "".join(
         f'<geom type="plane" size="9 9 1" zaxis="{side * math.cos(a)} 0 {math.sin(a)}"/>' for side in (-1, 1)

@@ -1,4 +1,4 @@
-"""Contact whose gradient turns goes on, and does not collide: ropes, legs that fall over, disks that roll, tables."""
+"""Contacts with turning gradients persist and do not collide: ropes, falling legs, rolling disks, tables."""
 
 import mujoco
 import numpy as np
@@ -19,7 +19,7 @@ LEG = """<body pos="0 0 .5"><freejoint/><inertial pos="0 0 0" mass="1" diaginert
 
 
 def energies(model, data, law, seconds, **options):
-    """Return what the energy has changed by after each step, J, and how many steps had a collision."""
+    """Return the change of energy after each step, J, and the number of steps with a collision."""
     stepper, found, collisions = stepping(model, law, **options), [energy(model, data)], 0
     for _ in range(round(seconds / model.opt.timestep)):
         stepper.step(data)
@@ -40,7 +40,7 @@ def energies(model, data, law, seconds, **options):
     ids=str,
 )
 def test_a_bob_on_a_taut_rope_keeps_its_energy(law, code):
-    """It closes the rope by 9 h m/s in every step, which is no collision: the loss is of second order."""
+    """It closes the rope by 9 h m/s in every step, which is not a collision: the loss is of second order."""
     losses = []
     for timestep in (4e-3, 2e-3, 1e-3):
         model, data = compiled(BOB, ROPE, option=f'timestep="{timestep}"')
@@ -56,7 +56,7 @@ def test_a_bob_on_a_taut_rope_keeps_its_energy(law, code):
 
 @pytest.mark.parametrize("code", ["auto", "never"])
 def test_a_leg_that_falls_over_gains_no_energy(code):
-    """Its foot sticks while its gradient turns: what the leg gains and how far the foot creeps is of second order."""
+    """Its foot sticks while its gradient turns: energy gain and creep of the foot are of second order."""
     gains, places = [], []
     for timestep in (4e-3, 2e-3, 1e-3):
         model, data = compiled(FLOOR + LEG, option=f'timestep="{timestep}"', geom='friction="1.5 0 0"')
@@ -73,7 +73,7 @@ def test_a_leg_that_falls_over_gains_no_energy(code):
 
 
 def test_a_disk_that_rolls_on_its_edge_does_not_collide():
-    """Euler's disk: by its own collisions it lost 14 % of its energy a second."""
+    """Euler's disk. Regression: by its own collisions it lost 14 % of its energy per second."""
     radius, half, tilt = 0.1, 0.002, np.radians(20)
     disk = f'<body><freejoint/><geom type="cylinder" size="{radius} {half}" mass=".4"/></body>'
     model, data = compiled(FLOOR + disk, option='timestep="1e-3"', geom='friction="1 0 0"')
@@ -92,7 +92,7 @@ def test_a_disk_that_rolls_on_its_edge_does_not_collide():
 
 @pytest.mark.parametrize("code", ["auto", "never"])
 def test_a_table_that_accelerates_carries_a_body(code):
-    """The body approaches it by h a in every step, and has its velocity at the end of each."""
+    """The body approaches the table by h a in every step, and has its velocity at the end of each."""
     world = """<body name="table" mocap="true"><geom type="box" size="1 1 .1" pos="0 0 -.1"/></body>
         <body pos="0 0 .1"><freejoint/><geom size=".1" mass="1"/></body>"""
     model, data = compiled(world, option='timestep="1e-3"')
@@ -108,7 +108,7 @@ def test_a_table_that_accelerates_carries_a_body(code):
 
 
 def test_an_elastic_ball_joint_keeps_bouncing():
-    """It has next to no inertia about its arm, and bounces off its limit of 1.2 degrees in every step."""
+    """It has almost no inertia about its arm, and bounces off its limit of 1.2 degrees in every step."""
     arm = """<body><joint type="ball" limited="true" range="0 1.2"/>
         <geom pos="0 0 -1" size=".05" mass="1" contype="0" conaffinity="0"/></body>"""
     model, data = compiled(arm, option='timestep="1e-3"')
@@ -122,7 +122,7 @@ def test_an_elastic_ball_joint_keeps_bouncing():
 @pytest.mark.parametrize("scene", ["joint", "tendon"])
 @pytest.mark.parametrize("e", [1.0, 0.9])
 def test_what_flies_from_limit_to_limit_in_a_step_collides(scene, e, code):
-    """Each collision turns the velocity as much as the one before."""
+    """Each collision reverses the velocity as the one before does."""
     limit = 'limited="true" range="-5e-5 5e-5"'
     joint = limit if scene == "joint" else ""
     world = f'<body><joint name="x" type="slide" axis="1 0 0" {joint}/><geom size=".05" mass="1"/></body>'
@@ -141,14 +141,14 @@ def test_what_flies_from_limit_to_limit_in_a_step_collides(scene, e, code):
 @pytest.mark.parametrize(
     ("gamma", "reached", "turned", "collides", "target"),
     [
-        (-0.02, 0.02, -0.04, False, 0.02),  # goes on
+        (-0.02, 0.02, -0.04, False, 0.02),  # persists
         (-0.03, 0.02, -0.05, False, 0.025),  # the same, and minus half of the turn
-        (-0.01, 0.03, -0.04, False, 0.01),  # not more than elastic: no energy comes of it
-        (-0.045, -0.01, -0.035, False, 0.0225),  # not less than e: what is elastic keeps its energy
-        (-0.02, np.nan, np.nan, True, 0.01),  # no impulse in the step before: e = 0.5
-        (-0.02, 0.0, np.nan, True, 0.01),  # an impulse in that alone
-        (-0.02, 0.02, -0.02, True, 0.01),  # an edge: what turns all at once
-        (-0.09, 0.09, -0.18, True, 0.045),  # as fast as what always collides
+        (-0.01, 0.03, -0.04, False, 0.01),  # not more than elastic, so that no energy is created
+        (-0.045, -0.01, -0.035, False, 0.0225),  # not less than e, so that an elastic contact conserves energy
+        (-0.02, np.nan, np.nan, True, 0.01),  # no impulse in the previous step: e = 0.5
+        (-0.02, 0.0, np.nan, True, 0.01),  # an impulse in the previous step alone
+        (-0.02, 0.02, -0.02, True, 0.01),  # an edge: a sudden turn
+        (-0.09, 0.09, -0.18, True, 0.045),  # so fast that it always collides
         (0.02, -0.02, 0.04, False, 0.0),  # opens
     ],
 )
@@ -162,7 +162,7 @@ def test_what_turns_as_in_the_step_before_goes_on(gamma, reached, turned, collid
 
 @pytest.mark.parametrize(("gap", "collides", "target"), [(3e-6, False, 0.02 - 3e-3), (5e-6, True, 0.01)])
 def test_what_goes_on_is_closed(gap, collides, target):
-    """Its gap is up to a tenth of h d."""
+    """Its gap is closed if it is up to a tenth of h d."""
     groups, amounts = np.array([[0], [1], [CONE], [0]], np.int32), np.array([[gap], [0.0]])
     rates = np.array([1.0, -0.02, -0.02, 0.0, 0.0, 0.02, -0.04]).reshape(7, 1)
     found, which = contact_targets(groups, amounts, rates, 1e-3, 0.5, REST_SPEED, RESOLVED, np.ones(1, bool))
@@ -171,7 +171,7 @@ def test_what_goes_on_is_closed(gap, collides, target):
 
 
 def test_a_block_that_slides_to_rest_does_not_turn_back():
-    """Friction at its limit remembers no turn: what slides is not what turns."""
+    """A friction force at its limit stores no turn: a sliding contact is not a turning one."""
     block = '<body pos="0 0 .1"><freejoint/><geom type="box" size=".1 .1 .1" mass="1"/></body>'
     model, data = compiled(FLOOR + block, option='timestep="1e-3"', geom='friction=".3 0 0"')
     data.qvel[0] = 0.04
@@ -203,7 +203,7 @@ def test_what_sticks_aims_at_minus_half_of_its_turn(now, turned, aimed):
 
 
 def test_what_is_remembered_of_a_contact():
-    """Where it sticks, all that it aimed at; where it slides the normal velocity; where it does not push nothing."""
+    """For sticking contacts the whole target is stored; for sliding ones the normal velocity; for open ones NaN."""
     groups = np.array([[0, 2, 4], [2, 2, 2], [CONE] * 3, [0, 1, 2]], np.int32)
     x, rates = np.array([1.0, 0.5, 1.0, 1.0, 0.0, 0.0]), np.ones((7, 6))
     rates[1], rates[5] = np.arange(6.0), 0.5

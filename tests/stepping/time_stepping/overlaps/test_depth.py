@@ -1,4 +1,4 @@
-"""Bodies do not overlap at the end of a step, also where gradients of the middle do not tell of it."""
+"""Bodies do not overlap at the end of a step, even where gradients at its midpoint do not show it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def _dropped(name: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 
 def _depths(model: mujoco.MjModel, data: mujoco.MjData, stepper: Stepper, controls: np.ndarray) -> np.ndarray:
-    """Return how deep bodies overlap at the end of each step, m."""
+    """Return the depth of the overlap at the end of each step, m."""
     seen, depths = mujoco.MjData(model), np.zeros(len(controls))
     for step, data.ctrl[:] in enumerate(controls):
         stepper.step(data)
@@ -43,7 +43,7 @@ def _depths(model: mujoco.MjModel, data: mujoco.MjData, stepper: Stepper, contro
     ],
 )
 def test_robots_do_not_sink_in(name, restitution, random, compiled):
-    """After what overlaps at the start has been opened, nothing is deeper than 1e-5 m."""
+    """After the initial overlap has been opened, no contact is deeper than 1e-5 m."""
     model, data = _dropped(name)
     stepper = Stepper(model, Moreau(restitution), scheme="time-stepping", compiled=compiled)
     low, high = model.actuator_ctrlrange.T
@@ -53,7 +53,7 @@ def test_robots_do_not_sink_in(name, restitution, random, compiled):
 
 
 def _turning_leg() -> mujoco.MjModel:
-    """Return a foot at the end of a link that turns about a hip below a floor, and pulls the foot down by that."""
+    """Return a foot on a link that turns about a hip below a floor, and thereby pulls the foot down."""
     return mujoco.MjModel.from_xml_string(
         """<mujoco><option timestep="0.002" gravity="0 0 0"/><worldbody><geom type="plane" size="5 5 1"/>
         <body pos="0 0 -.28"><joint type="slide" axis="0 0 1"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
@@ -65,7 +65,7 @@ def _turning_leg() -> mujoco.MjModel:
 
 @pytest.mark.parametrize("compiled", ["auto", "never"])
 def test_link_that_turns_carries_a_foot_that_does_not(compiled):
-    """The foot keeps its orientation and slides on the floor, its path about the hip is bent."""
+    """The foot keeps its orientation and slides on the floor, while its path about the hip is curved."""
     model = _turning_leg()
     data = mujoco.MjData(model)
     data.qvel[:] = 6.0, 20.0, -20.0
@@ -75,7 +75,7 @@ def test_link_that_turns_carries_a_foot_that_does_not(compiled):
 
 @pytest.mark.parametrize("compiled", ["auto", "never"])
 def test_a_coin_that_wobbles_does_not_sink_in(compiled):
-    """It touches the floor with a point of its rim, which runs round much faster than the coin turns."""
+    """It touches the floor with a point of its rim, which moves around much faster than the coin turns."""
     model = mujoco.MjModel.from_xml_string(
         """<mujoco><default><geom condim="6" friction=".5 .005 .001"/></default><worldbody>
         <geom type="plane" size="5 5 1"/><body pos="0 0 .11" euler="80 0 0"><freejoint/>

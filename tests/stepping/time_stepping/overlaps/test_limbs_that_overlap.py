@@ -1,4 +1,4 @@
-"""Limbs that overlap where they share a joint: no motion of theirs opens such a contact, so it must not do anything."""
+"""Limbs that overlap at a common joint: none of their motions opens such a contact, so it must have no effect."""
 
 import mujoco
 import numpy as np
@@ -30,7 +30,7 @@ _LIMBS = """<mujoco>
 
 
 def _moved(condim, restitution, contact, compiled, steps=400):
-    """Return the positions of all steps, (steps, nq), and whether contacts were there."""
+    """Return the positions of all steps, (steps, nq), and whether there were contacts."""
     model = mujoco.MjModel.from_xml_string(_LIMBS.format(condim=condim))
     if not contact:
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)

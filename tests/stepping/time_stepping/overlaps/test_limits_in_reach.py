@@ -1,4 +1,4 @@
-"""Compiled steps compute the limits that joints can reach; one that contact throws a link into is not passed."""
+"""Compiled steps compute only limits within reach; a limit that a collision throws a link at is not passed."""
 
 import mujoco
 import numpy as np
@@ -13,7 +13,7 @@ _SCENE = """<mujoco><compiler angle="radian"/><option timestep="0.01" gravity="0
 
 
 def _struck() -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """Return a light paddle at rest that a heavy ball is about to strike, and throw against its limit at once."""
+    """Return a light paddle at rest that a heavy ball is about to strike and throw against its limit at once."""
     model = mujoco.MjModel.from_xml_string(_SCENE)
     data = mujoco.MjData(model)
     data.qvel[1] = 2.0

@@ -1,4 +1,4 @@
-"""Overlaps of a scene that no motion opens, as of hulls of a gripper's palm and fingers: joints must not run away."""
+"""Overlaps that no motion opens, as of the hulls of a gripper's palm and fingers: joints must not run away."""
 
 import mujoco
 import numpy as np
@@ -19,7 +19,7 @@ _GRIPPER = """<mujoco>
 
 
 def _path(steps=200, compiled="auto", restitution=0.0, friction=0.5, **scene):
-    """Return where the finger is after each step, (steps,)."""
+    """Return the position of the finger after each step, (steps,)."""
     model = mujoco.MjModel.from_xml_string(_GRIPPER.format(friction=friction, **scene))
     model.jnt_limited[:] = 1
     data = mujoco.MjData(model)
@@ -44,7 +44,7 @@ def test_a_finger_that_slides_across_its_palm_stays(friction, compiled):
 def test_what_overlaps_does_not_push_a_joint_beyond_its_limit(restitution, compiled):
     path = _path(axis="0 0 1", limits="-0.01 0.005", restitution=restitution, compiled=compiled)
     np.testing.assert_allclose(path[-1], 0.005, atol=1e-6)
-    assert path.max() < 0.005 + 6e-4  # what a step opens
+    assert path.max() < 0.005 + 6e-4  # opened in one step
 
 
 def test_what_can_be_opened_along_a_slope_is():
@@ -68,7 +68,7 @@ _DRIVEN = """<mujoco>
 
 @pytest.mark.parametrize("compiled", ["auto", "never"])
 def test_a_finger_that_is_driven_does_not_leap(compiled):
-    """Points of contact that come and go are looked for once more at the end of a step, and there opened as a whole."""
+    """Contact points that come and go are detected again at the end of a step, and opened there completely."""
     model = mujoco.MjModel.from_xml_string(_DRIVEN)
     data, path = mujoco.MjData(model), [0.0]
     stepper = Stepper(model, Moreau(0.0), scheme="time-stepping", compiled=compiled)

@@ -1,4 +1,4 @@
-"""Bodies that a collision throws farther than they could move before: what is in their way stops them."""
+"""Bodies that a collision throws farther than they could move before are stopped by bodies in their way."""
 
 import mujoco
 import numpy as np
@@ -39,7 +39,7 @@ _THROUGH_A_BALL = """<mujoco><option timestep="0.002" gravity="0 0 0"/><worldbod
 
 @pytest.mark.parametrize("compiled", ["auto", "never"])
 def test_so_does_a_body_that_can_be_moved_behind_a_light_ball(compiled):
-    """The light ball leaves with nearly twice the speed of the heavy one."""
+    """The light ball leaves with almost twice the speed of the heavy one."""
     model = mujoco.MjModel.from_xml_string(_THROUGH_A_BALL.format(wall=0.03))
     data = mujoco.MjData(model)
     data.qvel[1] = 20.0
@@ -50,7 +50,7 @@ def test_so_does_a_body_that_can_be_moved_behind_a_light_ball(compiled):
 
 
 def column(many):
-    """Return the scene of equal balls above each other, on a line above a floor, with gaps between them."""
+    """Return the scene of equal balls on a vertical line above a floor, with gaps between them."""
     balls = "".join(
         f'<body pos="0 0 {0.011 + 0.099 * i:.6f}"><joint type="slide" axis="0 0 1"/><geom size=".01" mass="1"/></body>'
         for i in range(many)
@@ -62,7 +62,7 @@ def column(many):
 @pytest.mark.parametrize("compiled", ["auto", "never"])
 @pytest.mark.parametrize(("many", "timestep", "e"), [(5, 5e-4, 0.5), (6, 1e-3, 0.9), (12, 2e-3, 0.7), (12, 4e-3, 0.8)])
 def test_a_ball_that_is_thrown_by_one_that_was_thrown_meets_the_next(many, timestep, e, compiled):
-    """In a column that falls, a collision goes down from ball to ball within one step: each was at rest before."""
+    """In a falling column a collision passes down from ball to ball within one step; each ball was at rest before."""
     model = mujoco.MjModel.from_xml_string(column(many))
     model.opt.timestep = timestep
     data, deepest = mujoco.MjData(model), 0.0
@@ -82,7 +82,7 @@ _BALL = """<body pos="{x} 0 0"><joint type="slide" axis="1 0 0"/>
 
 @pytest.mark.parametrize("compiled", ["auto", "never"])
 def test_geoms_of_a_pair_are_looked_for_as_far_as_both_travel(compiled):
-    balls = ((-0.201, 1e3), (0.0, 1.0), (0.226, 1.0))  # the second is thrown at the third, which comes towards it
+    balls = ((-0.201, 1e3), (0.0, 1.0), (0.226, 1.0))  # the second ball is thrown at the third, which comes towards it
     bodies = "".join(_BALL.format(name=i, x=x, mass=mass) for i, (x, mass) in enumerate(balls))
     model = mujoco.MjModel.from_xml_string(_PAIRS.format(bodies))
     data = mujoco.MjData(model)

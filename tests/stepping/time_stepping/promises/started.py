@@ -1,4 +1,4 @@
-"""Scenes of tests of what time stepping promises, and the state of a model."""
+"""Scenes for tests of the guarantees of time stepping, and the state of a model."""
 
 import numpy as np
 from stepping.time_stepping.stepped import FLOOR
@@ -26,7 +26,7 @@ def pile(n=6):
 
 
 def model_state(model):
-    """All that a model holds, as bytes."""
+    """Return the complete contents of a model, as bytes."""
     opt = {name: np.array(getattr(model.opt, name)) for name in dir(model.opt) if not name.startswith("_")}
     arrays = {
         name: getattr(model, name).copy()

@@ -1,4 +1,4 @@
-"""A state that comes back in data whose frames are not its own: no wall is passed."""
+"""A state that is restored in data with frames of another state: no wall is passed."""
 
 import mujoco
 import numpy as np

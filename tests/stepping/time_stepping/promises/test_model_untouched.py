@@ -1,4 +1,4 @@
-"""The model is after a step what it was before, and changes of it between steps take effect."""
+"""A step does not change the model, and changes of the model between steps take effect."""
 
 import mujoco
 import numpy as np

@@ -1,4 +1,4 @@
-"""Contact raises nothing: every law in every scene, overlap, redundance, laws without a solution, many rows."""
+"""Contact raises no exceptions: every law in every scene, overlap, redundance, unsolvable laws, many rows."""
 
 import mujoco
 import numpy as np
@@ -57,14 +57,14 @@ def test_overlapping_and_squeezed_bodies_end_without_an_exception_and_gain_no_sp
         stepper.step(data)
         mujoco.mj_energyPos(model, data)
         mujoco.mj_energyVel(model, data)
-        highest = max(highest, data.energy[0])  # overlaps open upwards: that is potential energy
+        highest = max(highest, data.energy[0])  # overlaps open upwards, which adds potential energy
         assert data.energy[1] <= highest - data.energy[0] + 1e-6
         assert np.isfinite(data.qpos).all()
 
 
 @pytest.mark.parametrize("depth", [1e-4, 1e-2, 0.05])
 def test_overlaps_open_at_a_limited_speed_and_add_none(depth):
-    """Two free balls in space: what opens is the position, both by the same amount, at 0.2 m/s or faster."""
+    """Two free balls in space: only the positions open, by the same amount, at 0.2 m/s or faster."""
     world = "".join(f'<body pos="{x} 0 0"><freejoint/><geom size=".1" mass="1"/></body>' for x in (0, 0.2 - depth))
     model, data = compiled(world, option='gravity="0 0 0"')
     stepper = stepping(model, Newton(0.5))
@@ -103,7 +103,7 @@ def test_redundant_welds_hold(law):
 
 
 def test_a_law_without_solution_goes_to_the_nearest_point():
-    """A box whose corners ask for different speeds: no motion has them; events tell a collision all the same."""
+    """The corners of a box ask for different speeds, which no motion has; there is an event all the same."""
     corners = "".join(
         f'<geom name="{n}" size=".02" pos="{x} {y} -.1"/>' for n, x, y in (
             ("a", 0.1, 0.1), ("b", -0.1, 0.1), ("c", 0.1, -0.1), ("d", -0.1, -0.1),
@@ -121,7 +121,7 @@ def test_a_law_without_solution_goes_to_the_nearest_point():
 
 
 def test_thousands_of_rows_are_no_error():
-    """A thousand balls of a grid on the floor, with friction, in touch with it all at once."""
+    """A thousand balls in a grid touch the floor with friction, all at the same time."""
     balls = "".join(
         f'<body pos="{0.21 * (i % 32)} {0.21 * (i // 32)} .1"><freejoint/><geom size=".1"/></body>' for i in range(1000)
     )

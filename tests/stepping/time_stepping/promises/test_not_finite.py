@@ -1,4 +1,4 @@
-"""What is not finite raises, and leaves everything as it was."""
+"""Values that are not finite raise an error, and leave everything as it was."""
 
 import mujoco
 import numpy as np
@@ -46,7 +46,7 @@ def test_an_explosion_within_a_step_raises_and_restores(quiet):
 
 @pytest.mark.parametrize("compiled_code", ["auto", "never"])
 def test_step_that_raises_has_no_events_and_can_be_taken_again(compiled_code, quiet):
-    """A mocap body that moves has its motion in the step that is taken again, and throws the ball."""
+    """A moving mocap body still moves in the step that is taken again, and throws the ball."""
     world = """<body mocap="true"><geom type="box" size=".2 .2 .01"/></body>
         <body pos="0 0 .0312"><joint type="slide" axis="0 0 1"/><geom size=".02" condim="1" mass="1e-4"/></body>"""
     model, data = compiled(world, option='timestep="2e-3" gravity="0 0 0"')

@@ -1,4 +1,4 @@
-"""Options and laws that time stepping takes, and those that mean nothing to it."""
+"""Options and laws that time stepping takes, and those that have no meaning for it."""
 
 import numpy as np
 import pytest

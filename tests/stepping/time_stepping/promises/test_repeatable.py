@@ -1,4 +1,4 @@
-"""The same run twice is the same bit for bit; steppers, data and copies do not disturb each other."""
+"""Equal runs are equal bit for bit; steppers, data and copies do not disturb each other."""
 
 import copy
 import pickle
@@ -106,7 +106,7 @@ def test_copies_and_pickles_go_on_like_the_original(duplicate):
 
 
 def test_a_stepper_out_of_a_pickle_takes_data_of_the_original_model():
-    """Its own model has no signature any more; that of other bodies is refused all the same."""
+    """Its own model has lost its signature; data of other bodies are still refused."""
     model, data = load("bouncing_ball")
     stepper = stepping(model, Moreau(0.5))
     run(stepper, data, 60)
