@@ -1,4 +1,4 @@
-"""The command line: one clear line and exit code 2 for wrong input, and no half-written output."""
+"""The command line: one clear line and exit code 2 for wrong input, and no incomplete output."""
 
 import signal
 import subprocess
@@ -48,7 +48,7 @@ def test_output_that_cannot_be_written_is_one_line():
 
 
 def heed_interrupts():
-    """Heed SIGINT, which is ignored where a shell has begun the tests in the background."""
+    """Handle SIGINT, which is ignored if a shell has started the tests in the background."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
@@ -68,10 +68,10 @@ def comparing(folder):
 def test_an_interrupted_command_is_one_line_and_leaves_nothing_behind(number, line, code, tmp_path):
     with comparing(tmp_path) as process:
         process.send_signal(number)
-        if number == signal.SIGTERM:  # `timeout` sends two
+        if number == signal.SIGTERM:  # as `timeout` does
             process.send_signal(number)
         told = process.communicate(timeout=600)[1].splitlines()
-    assert [text for text in told if "re_sdk" not in text] == [f"impactlaw: {line}"]  # rerun may say what it drops
+    assert [text for text in told if "re_sdk" not in text] == [f"impactlaw: {line}"]  # rerun may report what it drops
     assert process.returncode == code
     assert not list(tmp_path.iterdir())
 
@@ -80,7 +80,7 @@ def test_what_a_killed_command_leaves_is_removed_by_the_next_one(run, tmp_path):
     with comparing(tmp_path) as process:
         assert len(list(tmp_path.glob("out/.unfinished-*"))) == 1
         assert run("compare", "wedge", *SHORT, "--out", str(tmp_path / "out"))[0] == 0
-        assert len(list(tmp_path.glob("out/.unfinished-*"))) == 1  # it is still at work
+        assert len(list(tmp_path.glob("out/.unfinished-*"))) == 1  # the first command is still running
         process.kill()
     assert run("compare", "wedge", *SHORT, "--out", str(tmp_path / "out"))[0] == 0
     assert not list(tmp_path.glob("out/.unfinished-*"))

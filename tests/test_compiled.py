@@ -1,4 +1,4 @@
-"""Where compiled functions are kept."""
+"""The cache of compiled functions."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def double(x):
 
 print(double(1.0), sum(double.stats.cache_hits.values()), cache_folder())
 """
-"""A function of a module of the package, of which only the files that name the cache are there."""
+"""A function of a module of the package, of which only the files that name the cache exist."""
 
 
 def _run(copy: Path, cache: Path) -> list[str]:
@@ -59,7 +59,7 @@ def test_another_version_of_a_file_is_compiled_again(tmp_path):
     source = copy / "impactlaw" / "doubling.py"
     source.write_text(_USE)
     before = _run(copy, tmp_path / "cache")
-    source.write_text(_USE.replace("2.0 * x", "3.00 * x"))  # of another size, by which Python tells bytecode of before
+    source.write_text(_USE.replace("2.0 * x", "3.00 * x"))  # another size: Python tells bytecode apart by it
     after = _run(copy, tmp_path / "cache")
     assert [before[:2], after[:2]] == [["2.0", "0"], ["3.0", "0"]]
     assert after[2] == before[2]

@@ -1,4 +1,4 @@
-"""Processes that compile together."""
+"""Processes that share the work of compiling."""
 
 from __future__ import annotations
 
@@ -117,13 +117,13 @@ def test_what_nobody_compiled_is_not_found(copy):
     ],
 )
 def test_a_helper_compiles_what_no_other_process_is_at(copy, held, found):
-    """Nor does it where there is a helper of its number already."""
+    """Nor does it compile if there is a helper with its number already."""
     _run(_HELP.format(held), copy)
     assert _run(_READ, copy).split() == ["5.0", *found]
 
 
 def test_a_python_that_cannot_be_started_again_compiles_alone(monkeypatch, tmp_path):
-    monkeypatch.setattr("joblib.cpu_count", lambda: 2)  # before, since joblib keeps the path of Python
+    monkeypatch.setattr("joblib.cpu_count", lambda: 2)  # first, because joblib keeps the path of Python
     monkeypatch.setattr(sys, "executable", "/no/such/python")
     start_helpers("impactlaw.solvers.cones.solve", tmp_path)
 
@@ -138,13 +138,13 @@ def test_a_python_that_cannot_be_started_again_compiles_alone(monkeypatch, tmp_p
     ],
 )
 def test_nothing_calls_a_function_that_a_helper_has_put_off(module):
-    """But by its address: numba cannot compile what calls it, and the helper would end with nothing done."""
+    """Except by its address: numba cannot compile a caller, and the helper would end without any result."""
     command = [sys.executable, "-c", _CALLED, module]
     assert subprocess.run(command, capture_output=True, text=True, timeout=600, check=True).stdout == ""
 
 
 def test_what_is_only_imported_compiles_nothing(tmp_path):
-    """Or whoever asks a script for its options would wait for minutes."""
+    """Otherwise `--help` of a script would take minutes."""
     root = Path(__file__).parents[1]
     scripts = [f"scripts.{path.parent.name}.__main__" for path in sorted(root.glob("scripts/*/__main__.py"))]
     assert len(scripts) > 5

@@ -1,4 +1,4 @@
-"""What ``import impactlaw`` loads: nothing that a simulation may never use."""
+"""``import impactlaw`` loads no package that a simulation may not need."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Names with an underscore stay in their package: nobody else imports them, not even the tests."""
+"""Names with an underscore stay in their package: no other file imports them, not even the tests."""
 
 import ast
 from pathlib import Path
@@ -16,7 +16,7 @@ def private(name: str) -> bool:
 
 
 def borrowed(source: str) -> list[str]:
-    """Private names that a file imports from another one, or takes of a module that it has imported."""
+    """Return the private names that a file imports from another one, or uses from an imported module."""
     found, modules = [], set()
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import | ast.ImportFrom):
@@ -29,7 +29,7 @@ def borrowed(source: str) -> list[str]:
 
 
 def looked_at(source: str) -> list[str]:
-    """Private attributes of anything but oneself that a file reads or replaces."""
+    """Return the private attributes that a file reads or replaces, except those of self."""
     found = []
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Attribute) and private(node.attr) and node.attr not in OTHERS:

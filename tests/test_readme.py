@@ -1,4 +1,4 @@
-"""What the README and the pages of the folders show runs as it stands there; what they link to is there."""
+"""The code of the README and of the pages of the folders runs as printed, and their links exist."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM end a command also where Python loses the exception."""
+"""Ctrl-C and SIGTERM end a command even where Python loses the exception."""
 
 import signal
 import time
@@ -12,7 +12,7 @@ ENDS = [(signal.SIGINT, 130), (signal.SIGTERM, 143)]
 
 @pytest.fixture(autouse=True)
 def handlers():
-    """Put the handlers of signals back."""
+    """Restore the signal handlers after the test."""
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)}
     signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
@@ -21,13 +21,13 @@ def handlers():
 
 
 class Finalized:
-    """Gets a signal while it is finalized."""
+    """Raises a signal while it is finalized."""
 
     def __init__(self, number):
         self.number = number
 
     def __del__(self):
-        """Get the signal."""
+        """Raise the signal."""
         signal.raise_signal(self.number)
 
 

@@ -1,4 +1,4 @@
-"""Refusals and warnings of commands name what the command has, and whose the rest is."""
+"""Errors and warnings of commands name the command's own options, and say where other options belong."""
 
 import sys
 import warnings
@@ -77,7 +77,7 @@ def test_refusals_of_other_commands(arguments, advice, command, tmp_path, monkey
 
 
 class Sticky(MujocoEnv):
-    """Contacts that pull."""
+    """An environment whose contacts pull."""
 
     metadata: ClassVar = {"render_modes": ["human", "rgb_array", "depth_array", "rgbd_tuple"], "render_fps": 500}
 
@@ -86,7 +86,7 @@ class Sticky(MujocoEnv):
 
 
 def test_warnings_are_one_line_in_options(command, tmp_path):
-    """They were two lines of Python, with the place in the code."""
+    """Regression: a warning had two lines of Python, with the place in the code."""
     touch = BALL.format(z=1, name="ball").replace("<geom", '<site name="skin" size=".1"/><geom')
     sensor = '</worldbody><sensor><touch name="felt" site="skin"/></sensor></mujoco>'
     (tmp_path / "scene.xml").write_text(f"<mujoco><worldbody>{FLOOR}{touch}{sensor}")

@@ -1,4 +1,4 @@
-"""Environments to put a law into, and what to compare of them."""
+"""Environments to put a law on, and comparisons of them."""
 
 from typing import ClassVar
 
@@ -21,7 +21,7 @@ BALL = """<mujoco><option timestep="0.002"/><worldbody><geom name="floor" type="
 <body pos="0 0 .3"><freejoint/><geom name="ball" type="sphere" size=".1"/></body></worldbody></mujoco>"""
 
 theirs = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore:.*settotalmass.*", "ignore:.*out of date.*")
-"""Warnings of the packages wrapped, about themselves."""
+"""Warnings of the wrapped packages about themselves."""
 
 
 def shimmy():
@@ -53,7 +53,7 @@ def identity(env):
 
 
 def split_info(info):
-    """The environment's own part of info, and what the law did; its name and restitution are looked at here."""
+    """Return the environment's own part of info and the part of the law, after checks of its name and restitution."""
     info = dict(info)
     assert isinstance(info.pop("impact/law"), str)
     assert type(info.pop("impact/restitution", 0.0)) is float
@@ -88,7 +88,7 @@ def hopper(**options):
 
 
 class Falling(MujocoEnv):
-    """A ball that falls; copied attribute by attribute."""
+    """A ball that falls; it is copied attribute by attribute."""
 
     metadata: ClassVar = {"render_modes": [], "render_fps": 500}
 
@@ -114,7 +114,7 @@ class Falling(MujocoEnv):
 
 
 class Drop(composer.Task):
-    """A ball of another size in every episode."""
+    """A ball with another size in every episode."""
 
     def __init__(self, condim=3):
         self._arena = composer.Arena()

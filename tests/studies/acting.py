@@ -18,7 +18,7 @@ def fall_over(observation):
 
 
 class Slow:
-    """Take its time, and tell that an episode has begun."""
+    """A policy that takes its time, and records the start of each episode in a file."""
 
     def __init__(self):
         with Path(os.environ["STUDIES_BEGUN"]).open("a") as file:
@@ -26,5 +26,5 @@ class Slow:
         time.sleep(0.4)
 
     def __call__(self, observation):
-        """Aim somewhere that depends on the start."""
+        """Aim in a direction that depends on the start."""
         return float(np.clip(observation[1], -1, 1)), 1.0

@@ -1,4 +1,4 @@
-"""Running studies: every cell once, through kills and on every backend the same table."""
+"""Running studies: every cell once, also after kills, with the same table on every backend."""
 
 import importlib.util
 import os
@@ -92,7 +92,7 @@ def test_a_killed_study_goes_on_and_does_nothing_twice(tmp_path):
         assert process.wait(120) == 0
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
     begun = len((killed / "begun").read_text().splitlines())
-    assert 12 <= begun <= 14  # 6 cells of 2 episodes, and those of the cell in which it was killed
+    assert 12 <= begun <= 14  # 6 cells of 2 episodes, and those of the cell that was killed
     with start(tmp_path / "whole") as process:
         assert process.wait(120) == 0
     tables = [pd.read_parquet(tmp_path / name / "out/table.parquet") for name in ("killed", "whole")]
@@ -112,7 +112,7 @@ def test_more_of_a_study_makes_only_what_is_new(table, tmp_path):
 
 
 def test_an_edited_policy_is_another_one(tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # which Python takes for current within a second
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # bytecode of the same second would pass for current
     monkeypatch.syspath_prepend(tmp_path)
     module = tmp_path / "mine_to_edit.py"
     study = Study(tasks=(TASK,), act=("moreau:0.5",), policies=("mine_to_edit:act",), seeds=(0,), episodes=1)

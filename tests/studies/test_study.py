@@ -1,4 +1,4 @@
-"""How a study is stated: laws as texts, and nothing that is accepted and ignored."""
+"""How studies are stated: laws as texts, and no option that is accepted but ignored."""
 
 import json
 
@@ -158,7 +158,7 @@ def test_what_is_no_study_is_refused(what, tmp_path):
 
 
 def test_an_episode_that_leaves_the_finite_numbers_ends():
-    """MuJoCo's own environments go on with rewards that are none."""
+    """MuJoCo's own environments continue, with rewards that are NaN."""
     conditions = Conditions("Hopper-v5", read_law("mujoco"), "soft")
     found = play(conditions, lambda: lambda observation: np.full(3, np.nan), [0, 1])
     assert (found["diverged"], found["steps"], found["score"]) == (2.0, 1.0, 0.0)

@@ -1,4 +1,4 @@
-"""`impactlaw study`: what it writes, and one line for what is wrong."""
+"""`impactlaw study`: its output, and one line for each error."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Training, where stable-baselines3 is installed; and what is said where it is not."""
+"""Training, where stable-baselines3 is installed, and the message where it is not."""
 
 import importlib.util
 import json
@@ -37,7 +37,7 @@ def test_a_missing_package_is_named_with_the_extra_that_brings_it(policy, tmp_pa
 
 @pytest.fixture(scope="module")
 def short(tmp_path_factory):
-    """A training of one rollout is too long for each test: one for all, with environments of 8 steps."""
+    """Train once for all tests, with rollouts of 8 steps, because a full rollout per test would take too long."""
     if not INSTALLED:
         pytest.skip("stable-baselines3 is not installed")
     import stable_baselines3
@@ -155,7 +155,7 @@ def test_worlds_draw_a_law_for_each_episode():
 
 @needs_training
 def test_attributes_of_worlds_are_their_own():
-    """Each had the laws of all, and None for what there is not."""
+    """Regression: each world had the laws of all worlds, and None for missing attributes."""
     from impactlaw.studies.policies.worlds import Worlds
 
     worlds = Worlds(gymnasium.make_vec("impactlaw/Hopper-v5", 3, law=[Moreau(0.1), Moreau(0.2), Moreau(0.3)]))

@@ -1,4 +1,4 @@
-"""Transfer matrices and regrets against numbers made by hand."""
+"""Transfer matrices and regrets against numbers by hand."""
 
 import math
 
@@ -106,7 +106,7 @@ def test_the_picture_holds_all_labels(rows, tmp_path):
     pixels = matplotlib.image.imread(tmp_path / "picture.png")[..., :3]
     edge = 4
     borders = pixels[:edge], pixels[-edge:], pixels[:, :edge], pixels[:, -edge:]
-    assert all((border == 1.0).all() for border in borders)  # nothing is cut off
+    assert all((border == 1.0).all() for border in borders)  # no label is cut off
     assert (pixels < 1.0).any()
 
 
@@ -130,7 +130,7 @@ def test_cells_that_are_there_twice_are_refused():
 
 
 def test_dollars_in_names_begin_no_formula(tmp_path):
-    """A name that is no formula of matplotlib raised where it was drawn."""
+    """Regression: a name that is not a formula of matplotlib raised an error when it was drawn."""
     odd = table(policy="mine$\\frac$:act").replace({"x": "out/$\\frac$/law.json", "a": "$\\frac$.json"})
     draw(transfer_matrix(odd), tmp_path / "picture.png")
     assert (tmp_path / "picture.png").stat().st_size > 0

@@ -1,4 +1,4 @@
-"""Processes in which the cells of a study run."""
+"""Processes that run the cells of a study."""
 
 import os
 import signal
@@ -22,7 +22,7 @@ if any("popen_loky" in word for word in sys.orig_argv):
 
 @pytest.fixture
 def heeded():
-    """Ctrl-C, which processes in the background ignore."""
+    """Handle Ctrl-C, which background processes ignore."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
@@ -42,7 +42,7 @@ def test_ctrl_c_of_a_terminal_ends_workers_without_a_traceback():
     ("handler", "message", "code"), [("default_int_handler", "impactlaw: interrupted\n", 130), ("SIG_IGN", "", 0)]
 )
 def test_it_ends_workers_that_are_still_starting(handler, message, code, tmp_path: Path):
-    """They stand for 1.5 s before anything of theirs is imported. In the background they go on."""
+    """They wait for 1.5 s before their first import. In the background they continue."""
     started = tmp_path / "started"
     (tmp_path / "sitecustomize.py").write_text(SLOW.format(started=str(started)))
     script = f"""if True:
@@ -63,6 +63,6 @@ def test_it_ends_workers_that_are_still_starting(handler, message, code, tmp_pat
         assert command.poll() is None
         time.sleep(0.05)
     os.killpg(command.pid, signal.SIGINT)
-    _, told = command.communicate(timeout=60)  # when the workers have ended, too: they have this pipe
+    _, told = command.communicate(timeout=60)  # ends when the workers have ended, too, because they hold this pipe
     assert told == message
     assert command.returncode == code
