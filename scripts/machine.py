@@ -9,7 +9,7 @@ PACKAGES = ("impactlaw", "mujoco", "numpy", "scipy", "daqp", "osqp")
 
 
 def one_line() -> str:
-    """Return the machine as one line for the foot of a table or a picture; the cores are those open to this process."""
+    """Return the machine as one line for the foot of a table or a picture, with the cores available to this process."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     versions = ", ".join(f"{name} {version(name)}" for name in PACKAGES)
     machine = f"{_processor()}, {cores} cores, {platform.system()}"

@@ -20,7 +20,7 @@ IMPORT_SECONDS = 0.3
 MANY, SECOND_THREAD = 1024, 1.8
 OF_PROCESSES, COMPILE_SECONDS, LOAD_SECONDS = 5.0, 60.0, 2.0
 SOFT_RATIOS = {"Ant-v5": 1.15, "Humanoid-v5": 1.15, "Hopper-v5": 1.25, "Walker2d-v5": 1.25}
-SAVED = 0.95  # median ratio of the times with and without a part, down to which the part is not faster, given noise
+SAVED = 0.95  # smallest allowed time with a part put back, relative to that without it (median of scenes), given noise
 SAME = 1e-12  # m or rad; largest difference between two ways to take the same steps
 _COMPARED = {
     "to_shipped": ("shipped", 1.0),

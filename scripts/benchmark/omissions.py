@@ -40,7 +40,7 @@ class Omissions:
     scenes: tuple[str, ...] = (
         "pendulum", "bouncing_ball", "cradle 5", "box_drop", "box at rest", "billiard_rack", "juggler",
     )  # fmt: skip
-    """Names from `scripts.benchmark.scenes`, or "pendulum", which nothing can touch."""
+    """Names from `scripts.benchmark.scenes`, or "pendulum", which has no contacts."""
     steps: int = 100
     """Timesteps of each run, from the start."""
     seconds: float = 2.0

@@ -116,7 +116,7 @@ def test_a_strong_grip_is_that_of_mujoco(compiled):
 
 @pytest.mark.parametrize("solref", [TABLE_TENNIS, ".02 1"])
 def test_springs_that_are_not_made_yet_are_not_looked_at(monkeypatch, solref):
-    """The integrator "discrete" computes them in `mj_step2`; earlier ``efc_KBIP`` holds old memory."""
+    """The integrator "discrete" computes them in `mj_step2`; before that, ``efc_KBIP`` holds leftovers in memory."""
     model, data = model_of(solref, "discrete"), None
     stepper = Stepper(model, Moreau(0.5), contact_model="soft", compiled="never")
     monkeypatch.setattr(stepper.stepping.collisions, "bounces", lambda data: 1 / 0)

@@ -149,7 +149,7 @@ def test_a_robot_that_falls_fast_finds_no_contacts_between_its_own_parts(how):
 
 @pytest.mark.parametrize("how", ["auto", "never"])
 def test_a_part_that_the_floor_throws_hits_its_neighbour(how):
-    """A finger falls on the floor at 5 m/s, and its palm 4 mm above it: within the step it stops the palm, too.
+    """A finger lands at 5 m/s with its palm 4 mm above it: thrown back, it stops the palm within the same step.
 
     Before the collision there is no relative motion, so that their contact is only found after the floor has thrown the
     finger.

@@ -71,7 +71,7 @@ def test_a_contact_that_was_not_known_collides_as_one_that_was():
 @pytest.mark.parametrize("what", BEFORE)
 @pytest.mark.parametrize("compiled", ["auto", "never"])
 def test_what_only_a_stage_between_meets_collides(compiled, what, beside):
-    """Regression: the effective coefficient was 0.03 to 0.48 from starts 0.1 to 0.5 of a step's way ahead."""
+    """Regression: e was 0.03 to 0.48 in effect where a step ended 0.1 to 0.5 of its way before the contact."""
     tendon = TENDON if what == "tendon" else ""
     scene = f"""<mujoco><option timestep="0.01" integrator="RK4" gravity="0 0 0"/>
         <worldbody>{BEFORE[what]}{beside}</worldbody>{tendon}</mujoco>"""
