@@ -32,7 +32,7 @@ TOLERANCE = 1e-9
 ABSENT = "not installed"
 _RESTITUTION = 0.5
 _ITERATIONS = 20_000  # of OSQP
-_LONG = 1.0  # s; above this time of one call of each solver, calls are timed in two rounds, otherwise in five
+_LONG = 1.0  # s; if one call of each solver takes longer, at least two rounds are timed, otherwise at least five
 
 
 @dataclass(frozen=True, kw_only=True)

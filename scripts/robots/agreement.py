@@ -32,7 +32,7 @@ DERIVED = ("qpos", "qvel", "qacc", "sensordata", "qfrc_constraint", "act", "xpos
 
 
 def compiled_stepper(model: mujoco.MjModel, law: Law, **options: object) -> Stepper:
-    """Return a time stepping stepper whose steps are compiled."""
+    """Return a stepper with compiled time steps."""
     stepper = Stepper(model, law, scheme="time-stepping", compiled="auto", **options)  # pyright: ignore[reportArgumentType]
     assert isinstance(stepper.stepping, CompiledStepping)
     return stepper
