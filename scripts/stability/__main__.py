@@ -28,7 +28,7 @@ class Stability:
     """Which cases to run."""
 
     quick: bool = False
-    """Shorten the long cases, to less than a minute; the tests run these."""
+    """Shorten the long cases, so that all take less than a minute; the tests run this form."""
     cases: tuple[str, ...] = ("*",)
     """Names of cases, or patterns such as "stack*"."""
 
