@@ -61,7 +61,6 @@ _OF_LARGE = 1.0  # ... or so many in a large island, where Newton's method soon 
 _SET_UP = 4  # cost of setting up a problem, in Newton steps
 _ENOUGH, _NEAR = np.int64(4), 1e2  # round from which, and tolerances at which, a degenerate problem counts as solved
 _STAGNANT, _HOPELESS = 4, 8  # rounds without an improvement by 10 %, after which to stop if they were long, or anyway
-_PROVED, _PROMISING = 1, 1e-1  # round before which `out_of_reach` is called if the relative natural map is above this
 _PILE = 40  # number of rows from which bodies may be a pile
 _INTERIOR, _HANDED_ON = np.int64(15), 1e4  # steps of the interior point method, and tolerances at which it ends
 _HURRY = np.int64(2)  # patience of Newton's method before and after it, in piles
@@ -240,13 +239,6 @@ def _rounds(
         after, patience = _BRIEF, _HASTE
     for k in range(rounds):
         done = work
-        if k == _PROVED and left[0] < np.inf and not many and least > _PROMISING * scale:
-            taken, hopeless = out_of_reach(P, K, scale)
-            total += taken
-            work += taken * cost
-            if hopeless:
-                spend(left, work - done, step, len(x))
-                break
         if k % 2 == 0:
             taken = admm(P, K, L, alternating, tolerance, 50 if k < _LATE else 150)
             work += taken * apart + 3.0 * cost
