@@ -30,7 +30,6 @@ class LastStep:
         self._left: _Left | None = None
         self._contacts: ContactState | None = None
         self._shortcut: Shortcut | None = None
-        self._restless = False  # whether the last rest that was found did not last for a step
 
     def end(self, state: np.ndarray, contacts: ContactState, *, collided: bool) -> None:
         """Store the current contacts, at the end of a step that began in a saved state."""
@@ -71,8 +70,7 @@ class LastStep:
             return False
         if self._phases.surfaces is not None:
             self._phases.surfaces.end(self._phases.configuration.data)
-        self._contacts, self._restless = None, False
-        self._left = self._now()
+        self._contacts, self._left = None, self._now()
         return True
 
     def _find_shortcut(self, state: np.ndarray, contacts: ContactState, collided: bool) -> Shortcut | None:
@@ -82,11 +80,7 @@ class LastStep:
         if collided or not self._plan.rest:
             return None
         if not is_still(self._phases, contacts.velocity, contacts.still):
-            self._restless = False
             return find_together(contacts)
-        if self._restless:
-            return None
-        self._restless = True
         return find_rest(self._phases, state, contacts)
 
     def _now(self) -> _Left:
