@@ -35,7 +35,7 @@ def test_unsolvable_sparse_law_names_the_contacts():
 def test_redundant_contacts_of_a_sparse_scene_share():
     """Two boxes far apart, each on four corners."""
     corners = np.array([[1.0, x, y] for x in (-1, 1) for y in (-1, 1)])
-    c = Collision(sp.eye_array(6), sp.block_diag([corners, corners]), [-1.0, 0, 0, -2.0, 0, 0])
+    c = Collision(sp.eye_array(6), sp.block_diag([sp.coo_array(corners), corners]), [-1.0, 0, 0, -2.0, 0, 0])
     np.testing.assert_allclose(MaximalDissipation().resolve(c).impulse, [0.25] * 4 + [0.5] * 4, rtol=1e-12)
 
 
@@ -53,7 +53,7 @@ def test_quantities_are_those_of_arrays(seed):
     rng = np.random.default_rng([49, seed])
     blocks = [spd(rng, int(size), 1e3) for size in rng.choice([1, 2, 3, 6], size=5)]
     shuffle = rng.permutation(sum(map(len, blocks)))
-    M = sp.block_diag(blocks).toarray()[np.ix_(shuffle, shuffle)]
+    M = sp.block_diag([sp.coo_array(block) for block in blocks]).toarray()[np.ix_(shuffle, shuffle)]
     J = rng.normal(size=(7, len(M))) * (rng.random((7, len(M))) < 0.5)
     v = rng.normal(size=len(M))
     sparse, dense = Collision(sp.coo_matrix(M), sp.csc_matrix(J), v), Collision(M, J, v)
