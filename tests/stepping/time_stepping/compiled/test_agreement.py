@@ -274,3 +274,25 @@ def test_errors_of_the_engine_are_exceptions():
             ours.step(one)
     assert one.time == time
     assert np.array_equal(one.qpos, before)
+
+
+def test_linkage_that_is_thrown_into_its_limit():
+    """What its constraint aims at depends on velocity, and is computed again where limits are looked for once more."""
+    bar = '<joint axis="0 1 0"/><geom type="capsule" size=".03" fromto="0 0 0 0 0 -.5" contype="0" conaffinity="0"/>'
+    limited = bar.replace('axis="0 1 0"', 'name="crank" axis="0 1 0" range="-60 60"')
+    xml = f"""<mujoco><option timestep="0.01"/><worldbody>
+      <body pos="0 0 1">{limited}<body name="a" pos="0 0 -.5">{bar.replace("0 0 -.5", ".5 0 0")}</body></body>
+      <body name="b" pos=".5 0 1">{bar}</body></worldbody>
+      <equality><connect body1="a" body2="b" anchor=".5 0 0"/></equality>
+      <actuator><motor joint="crank" gear="2000"/></actuator></mujoco>"""
+    model, law = mujoco.MjModel.from_xml_string(xml), Moreau(0.5)
+    ours, python = compiled_stepper(model, law), Stepper(model, law, scheme="time-stepping", compiled="never")
+    one, other, rng, collisions = mujoco.MjData(model), mujoco.MjData(model), np.random.default_rng(0), 0
+    for _ in range(200):
+        one.ctrl[:] = other.ctrl[:] = rng.uniform(-1.0, 1.0)
+        begin_alike(ours, python, one, other)
+        ours.step(one)
+        python.step(other)
+        collisions += len(ours.events)
+        assert difference(one, other) < 1e-10
+    assert collisions > 10
