@@ -19,7 +19,7 @@ from impactlaw.solvers.friction.solve import solve_cones
 from impactlaw.solvers.problem import Status
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.time_stepping.problem.seen import Seen, in_order
-from impactlaw.stepping.time_stepping.tolerances import DRIVEN
+from impactlaw.stepping.time_stepping.tolerances import DRIVEN, is_met
 
 Known = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 """Groups, keys, coefficients of friction and impulses of a step, and its `turns`."""
@@ -35,7 +35,8 @@ class CollisionRecord:
     The event is the collision by itself, at the velocity of the start of the step and without the other forces of the
     step: ``v+ = v- + M_h^-1 J^T Lambda`` reaches the same contact velocities as the step. Equality constraints that
     collisions may violate, such as servos, are among these forces. So are those that move against themselves and would
-    drive the collision if they kept that: in the step they give way, see `problem.solution.driven`.
+    drive the collision if they kept that, or lock what collides: in the step they give way, see
+    `problem.solution.driven`.
     """
 
     seen: Seen  # contacts, rows and inertia of the middle of the step
@@ -65,7 +66,7 @@ class CollisionRecord:
         return (ImpactEvent(self.time, contacts, impact, self.qpos, projected=projected),)
 
     def _beside_constraints(self, groups: np.ndarray, labels: tuple[str, ...]) -> Impact:
-        """Return the impact beside all constraints; where these drive it, beside those that the step holds, or none."""
+        """Return the impact beside all constraints; where they drive or lock it, beside those held, or none."""
         impact = self._impact(self.seen.collision(groups, self.velocity, labels, friction=True), groups)
         if impact.collision.bilateral_jacobian is None:
             return impact
@@ -73,12 +74,19 @@ class CollisionRecord:
         held, (label, island) = rows.compliance[rows.first] < rows.amounts[1], self.seen.islands()
         for may in (held, np.zeros_like(held)):
             driven = _driven_islands(impact, label[groups], island)
-            if not driven.any() or np.array_equal(impact.post_velocity, self.after):  # the step's own outcome
+            if np.array_equal(impact.post_velocity, self.after):  # no impulses meet the law beside them
+                driven[:-1] = self._is_met(impact.collision, groups)  # though those of the step do
+            if not driven.any():
                 break
             acts = acts & (may | ~driven[label])
             collision = self.seen.collision(groups, self.velocity, labels, friction=True, acts=acts)
             impact = self._impact(collision, groups)
         return impact
+
+    def _is_met(self, collision: Collision, groups: np.ndarray) -> bool:
+        """Return whether the step has met the law of the contacts that collide."""
+        missed = (self.target[groups] - collision.contact_velocity_after(self.after))[self.collides[groups]]
+        return is_met(missed.max(initial=0.0), np.abs(collision.pre_contact_velocity).max())
 
     def _impact(self, collision: Collision, groups: np.ndarray) -> Impact:
         target = np.where(self.collides, self.target, 0.0)[groups]
@@ -98,6 +106,7 @@ class CollisionRecord:
         if answer.status is not Status.SOLVED:  # the step went to the nearest point
             with suppress(SolverError):
                 return FrictionImpact.observed(collision, self.after)
+            targets = None
         more = {"restitution_scale": self.share, "exact": self.exact, "cones": problem}
         return FrictionImpact.of_cones(collision, answer.impulse, answer.jump, targets, **more)
 

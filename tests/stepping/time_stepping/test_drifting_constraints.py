@@ -172,3 +172,23 @@ def test_gears_that_drift_are_in_the_collision_that_is_told_where_they_do_not_dr
     first = 0.5 * (0.5**2 + (0.5 * 20.0 + 1.6) ** 2 - 1.0 - 18.4**2)
     assert event.impact.energy_change == pytest.approx(first - 0.5 * 0.75, rel=1e-9)
     assert stepper.sums.energy_change == pytest.approx(event.impact.energy_change, rel=1e-12)
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+def test_a_limit_that_a_constraint_locks_is_told_without_it_and_without_what_forces_do_elsewhere(compiled):
+    """No impulse opens a limit that is locked; where the step meets its law all the same, the constraint gives way."""
+    slides = "".join(
+        f'<body pos="0 {i} 0"><joint name="{name}" type="slide" axis="1 0 0" {more}/><geom size=".1" mass="1"/></body>'
+        for i, (name, more) in enumerate([("locked", 'range="-.001 1"'), ("driven", "")])
+    )
+    rest = '<equality><joint joint1="locked"/></equality><actuator><motor joint="driven"/></actuator>'
+    model, data = compile_scene(slides, rest, option='gravity="0 0 0" timestep=".002"')
+    data.qvel[0], data.ctrl[0] = -1.0, 1e4
+    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled)
+    stepper.step(data)
+    (event,) = stepper.events
+    assert stepper.shortfall < 1e-9
+    assert event.impact.post_contact_velocity == pytest.approx([0.5], rel=1e-9)
+    assert event.impact.energy_change == pytest.approx(-0.5 * 0.75, rel=1e-9)
+    assert not event.projected
+    assert stepper.sums.energy_change == pytest.approx(event.impact.energy_change, rel=1e-12)

@@ -6,10 +6,12 @@ import mujoco
 import numpy as np
 import pytest
 from scenes import chain_labels, compiled
-from stepping.time_stepping.stepped import FLOOR, stepping
+from stepping.time_stepping.stepped import FLOOR, first_impact, stepping
 
 from impactlaw import Coulomb, Fremond, FrictionImpact, LinearMap, MaximalDissipation, Moreau, Newton, Poisson
 from impactlaw.models import SCENES, load
+from impactlaw.solvers.friction.solve import solve_cones
+from impactlaw.solvers.problem import Status
 
 LAWS = {
     "maximal dissipation": MaximalDissipation(),
@@ -163,6 +165,20 @@ def test_an_impact_with_friction_tells_its_friction():
     assert np.linalg.norm(impact.friction_impulse) == pytest.approx(0.15, abs=1e-9)
     assert impact.post_velocity == pytest.approx(data.qvel, abs=1e-9)
     assert impact.restitution_scale == 1.0
+
+
+def test_an_event_whose_friction_is_not_found_is_not_told_as_one_of_the_law(monkeypatch):
+    for place in ("stepping.time_stepping.events", "mechanics.friction_impact"):
+        monkeypatch.setattr(f"impactlaw.{place}.solve_cones", _stopped)
+    model, data = compiled(PILE, geom='friction=".4"')
+    stepper = stepping(model, Moreau(0.5), compiled="never")
+    _, event = first_impact(stepper, data)
+    assert event.projected
+    assert event.impact.target_contact_velocity is None
+
+
+def _stopped(*arguments):
+    return solve_cones(*arguments)._replace(status=Status.STOPPED)
 
 
 def test_a_box_that_lands_flat_has_four_equal_impulses():
