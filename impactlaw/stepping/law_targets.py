@@ -12,6 +12,7 @@ from impactlaw.laws.base import aim
 from impactlaw.laws.friction.groups import groups_of, ties_of
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact
+from impactlaw.mechanics.impact import Impact
 from impactlaw.solvers.friction.problem import ConeProblem
 
 
@@ -46,11 +47,8 @@ class LawTargets:
 
         Return None if the law has no such rule, the collision has no friction, or the rule finds no impulses.
         """
-        if self.rule is None or collision.friction is None:
-            return None
-        try:
-            impact = self.rule.resolve(collision)
-        except (UnsolvableLawError, SolverError):
+        impact = None if self.rule is None or collision.friction is None else self.outcome(collision)
+        if impact is None:
             return None
         assert isinstance(impact, FrictionImpact)
         return impact.post_contact_velocity, impact.post_sliding_velocity
@@ -63,6 +61,14 @@ class LawTargets:
             return self.law.resolve(collision).post_contact_velocity
         except (UnsolvableLawError, SolverError):
             return np.zeros(len(collision.labels))
+
+    def outcome(self, collision: Collision) -> Impact | None:
+        """Return the impact of the rule with friction in it, or else of the law; None where it has no solution."""
+        law = self.law if self.rule is None or collision.friction is None else self.rule
+        try:
+            return law.resolve(collision)
+        except (UnsolvableLawError, SolverError):
+            return None
 
     def couples(self, collision: Collision) -> bool:
         """Return whether the law couples contacts that do not influence each other through the mass matrix."""

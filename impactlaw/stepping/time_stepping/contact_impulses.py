@@ -11,12 +11,20 @@ import numpy as np
 
 from impactlaw.errors import DivergenceError, InadmissibleImpactError
 from impactlaw.laws import Coulomb, Law
+from impactlaw.mechanics.collision import Collision
+from impactlaw.mechanics.impact import Impact
 from impactlaw.scene.contacts import geom_names
 from impactlaw.scene.equality_constraints import constraint_kinds
 from impactlaw.scene.joint_limits import Limits
 from impactlaw.solvers.cones import BILATERAL
 from impactlaw.stepping.law_targets import LawTargets
-from impactlaw.stepping.time_stepping.events import CollisionRecord, Known, Metric, StepImpulses
+from impactlaw.stepping.time_stepping.events import (
+    CollisionRecord,
+    Known,
+    Metric,
+    StepImpulses,
+    beside_constraints,
+)
 from impactlaw.stepping.time_stepping.problem.drifts import hold
 from impactlaw.stepping.time_stepping.problem.phases import later_rates, reached_by, some_groups, struck_later
 from impactlaw.stepping.time_stepping.problem.rows import Rows
@@ -264,10 +272,8 @@ class ContactProblem:
         data, seen, together = step.data, None, False
         if self.targets.restitution is None:
             seen = self._see(step, rows)
-            together = self._ask_law(seen, before, target, sliding, collides)
-        close_gaps(
-            rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, self._model.dof_treeid, collides, target
-        )
+            if not self.targets.alone:
+                collides |= seen.reached(collides, np.zeros(len(collides), dtype=bool))
         if data.ne:
             kinds = self._kinds(data, rows)
             hold(
@@ -275,6 +281,11 @@ class ContactProblem:
                 self._model.dof_treeid,
             )  # fmt: skip
             bound[:] = kinds != 0
+        if seen is not None:
+            together = self._ask_law(seen, before, target, sliding, collides)
+        close_gaps(
+            rows.groups, rows.sparse, rows.colind, rows.amounts, rows.rates, self._model.dof_treeid, collides, target
+        )
         return seen, together
 
     def _kinds(self, data: mujoco.MjData, rows: Rows) -> np.ndarray:
@@ -295,20 +306,28 @@ class ContactProblem:
         Return whether the law couples contacts that do not influence each other.
         """
         law, rows = self.targets, seen.rows
-        if not law.alone:
-            collides |= seen.reached(collides, np.zeros(len(collides), dtype=bool))
         groups = in_order(rows, collides)
         labels = seen.contacts(groups).labels
         if law.alone:
             target[groups] = law.of_each(labels, rows.before[rows.first[groups]])
             return False
-        collision = seen.collision(groups, velocity, labels, friction=law.rule is not None)
-        ended = law.with_friction(collision)
+
+        def collision(acts: np.ndarray, *, friction: bool) -> Collision:
+            return seen.collision(groups, velocity, labels, friction=friction, acts=acts)
+
+        def resolve(acts: np.ndarray) -> tuple[Impact, bool | None]:
+            c = collision(acts, friction=law.rule is not None)
+            impact = law.outcome(c)
+            return (Impact.observed(c, c.pre_velocity), True) if impact is None else (impact, None)
+
+        acts = beside_constraints(seen, groups, resolve)[1] if seen.kept.any() else seen.kept
+        asked = collision(acts, friction=law.rule is not None)
+        ended = law.with_friction(asked)
         if ended is None:
-            target[groups] = law.of_all(seen.collision(groups, velocity, labels, friction=False))
+            target[groups] = law.of_all(collision(acts, friction=False))
         else:
             target[groups], sliding[seen.tangential(groups)[0]] = ended
-        return law.couples(collision)
+        return law.couples(asked)
 
     def _record(self, step: _Step, met: _Phase, before: np.ndarray, after: np.ndarray) -> CollisionRecord:
         """Return a record of a collision."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -61,27 +62,17 @@ class CollisionRecord:
     def _events(self) -> tuple[ImpactEvent, ...]:
         groups = in_order(self.seen.rows, self.seen.reached(self.collides, self.pushed))
         contacts = self.seen.contacts(groups)
-        impact = self._beside_constraints(groups, contacts.labels)
+        impact, _ = beside_constraints(self.seen, groups, lambda acts: self._beside(acts, groups, contacts.labels))
         projected = self.share < 1.0 or impact.target_contact_velocity is None
         return (ImpactEvent(self.time, contacts, impact, self.qpos, projected=projected),)
 
-    def _beside_constraints(self, groups: np.ndarray, labels: tuple[str, ...]) -> Impact:
-        """Return the impact beside all constraints; where they drive or lock it, beside those held, or none."""
-        impact = self._impact(self.seen.collision(groups, self.velocity, labels, friction=True), groups)
-        if impact.collision.bilateral_jacobian is None:
-            return impact
-        rows, acts = self.seen.rows, self.seen.kept
-        held, (label, island) = rows.compliance[rows.first] < rows.amounts[1], self.seen.islands()
-        for may in (held, np.zeros_like(held)):
-            driven = _driven_islands(impact, label[groups], island)
-            if np.array_equal(impact.post_velocity, self.after):  # no impulses meet the law beside them
-                driven[:-1] = self._is_met(impact.collision, groups)  # though those of the step do
-            if not driven.any():
-                break
-            acts = acts & (may | ~driven[label])
-            collision = self.seen.collision(groups, self.velocity, labels, friction=True, acts=acts)
-            impact = self._impact(collision, groups)
-        return impact
+    def _beside(self, acts: np.ndarray, groups: np.ndarray, labels: tuple[str, ...]) -> tuple[Impact, bool | None]:
+        """Do what `beside_constraints` asks for."""
+        collision = self.seen.collision(groups, self.velocity, labels, friction=True, acts=acts)
+        impact = self._impact(collision, groups)
+        if np.array_equal(impact.post_velocity, self.after):  # no impulses meet the law
+            return impact, self._is_met(collision, groups)  # though those of the step may
+        return impact, None
 
     def _is_met(self, collision: Collision, groups: np.ndarray) -> bool:
         """Return whether the step has met the law of the contacts that collide."""
@@ -98,7 +89,7 @@ class CollisionRecord:
                 return Impact.observed(collision, self.after)
             impact = Impact.solved(collision, problem, answer, target)
             if self.share < 1.0:  # not the law's own outcome
-                return Impact.observed(collision, impact.post_velocity)
+                return replace(impact, target_contact_velocity=None)
             return impact
         targets = target, self.sliding[self.seen.tangential(groups)[0]]
         problem = cone_problem(collision, *targets, exact=self.exact)
@@ -109,6 +100,35 @@ class CollisionRecord:
             targets = None
         more = {"restitution_scale": self.share, "exact": self.exact, "cones": problem}
         return FrictionImpact.of_cones(collision, answer.impulse, answer.jump, targets, **more)
+
+
+def beside_constraints(
+    seen: Seen, groups: np.ndarray, resolve: Callable[[np.ndarray], tuple[Impact, bool | None]]
+) -> tuple[Impact, np.ndarray]:
+    """Return the impact beside all constraints; where they drive or lock it, beside those that the step holds, or none.
+
+    And return which of them act in it, bool (g,).
+
+    Args:
+        seen: what collides.
+        groups: the contacts, int (h,).
+        resolve: returns the impact beside constraints that act, bool (g,), and whether they lock it; None if that is
+            to be seen from how they move.
+    """
+    rows, acts = seen.rows, seen.kept
+    impact, locked = resolve(acts)
+    if impact.collision.bilateral_jacobian is None:
+        return impact, acts
+    held, (label, island) = rows.compliance[rows.first] < rows.amounts[1], seen.islands()
+    for may in (held, np.zeros_like(held)):
+        driven = _driven_islands(impact, label[groups], island)
+        if locked is not None:
+            driven[:-1] = locked
+        if not driven.any():
+            break
+        acts = acts & (may | ~driven[label])
+        impact, locked = resolve(acts)
+    return impact, acts
 
 
 def _driven_islands(impact: Impact, label: np.ndarray, island: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scenes import compiled as compile_scene
 
-from impactlaw import Moreau, Stepper
+from impactlaw import Fremond, Moreau, Poisson, Stepper
 
 KNEE = """<body><joint name="knee" axis="0 1 0" range="0 120"/><geom size=".1" pos="0 0 -.4" mass="1"/>
     <body pos="0 0 -.4"><joint name="slip" type="slide" axis="1 0 0" range="0 .1" armature=".01"/>
@@ -192,3 +192,31 @@ def test_a_limit_that_a_constraint_locks_is_told_without_it_and_without_what_for
     assert event.impact.energy_change == pytest.approx(-0.5 * 0.75, rel=1e-9)
     assert not event.projected
     assert stepper.sums.energy_change == pytest.approx(event.impact.energy_change, rel=1e-12)
+
+
+def _both_hit(law, drift):
+    """Return v+ of such gears where both hit a limit, the energy before and after, and the impact."""
+    bodies, coupling = _geared(0)
+    bodies = bodies.replace('name="geared0" type="slide"', 'name="geared0" range="0 9" type="slide"')
+    model, data = compile_scene(bodies, f"<equality>{coupling}</equality>", option='gravity="0 0 0" timestep=".002"')
+    data.qvel[:] = before = -1.0, -20.0 + 20.0 * drift
+    stepper = Stepper(model, law, scheme="time-stepping", compiled="never")
+    stepper.step(data)
+    (event,) = stepper.events
+    return data.qvel, 0.5 * np.dot(before, before), 0.5 * np.dot(data.qvel, data.qvel), event.impact
+
+
+@pytest.mark.parametrize("drift", [0.2, 0.5])
+def test_gears_that_give_way_do_not_drive_the_collision_that_a_law_is_asked_about(drift):
+    """Poisson's law knows a collision as a whole; equal coefficients make Moreau's outcome of it."""
+    after, _, _, impact = _both_hit(Poisson(0.9), drift)
+    np.testing.assert_allclose(after, [0.9, 18.0 * (1.0 - drift)], rtol=1e-9)
+    np.testing.assert_allclose(impact.post_velocity, after, rtol=1e-9)
+
+
+@pytest.mark.parametrize("drift", [0.05, 0.2, 0.5])
+def test_gears_do_not_drive_a_collision_whose_law_is_scaled(drift):
+    """With all of its restitution this law creates 4 900 J, of which the gears take some; without, they add some."""
+    _, before, after, impact = _both_hit(Fremond([[0.5, 0.3], [0.3, 0.5]]), drift)
+    assert after < before * (1.0 + 1e-2)
+    assert impact.energy_change < 1e-2 * before

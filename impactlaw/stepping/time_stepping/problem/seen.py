@@ -115,11 +115,11 @@ class Seen:
         labels: tuple[str, ...],
         *,
         friction: bool,
-        acts: np.ndarray | None = None,
+        acts: np.ndarray,
     ) -> Collision:
         """Return the collision of some groups, int (h,), at v-, (nv,).
 
-        It includes the equality constraints that collisions must not violate, or only those that act, bool (g,).
+        It includes those of the `kept` equality constraints that act, bool (g,).
         """
         rows, friction_of_rows = self.rows, None
         first, (tangential, contact) = rows.first[groups], self.tangential(groups)
@@ -136,7 +136,7 @@ class Seen:
             labels=labels,
             friction=friction_of_rows,
             surface_velocity=surface if surface.any() else None,
-            bilateral_jacobian=self._constraints if acts is None else self._constraints_of(acts[self.kept]),
+            bilateral_jacobian=self._constraints if acts is self.kept else self._constraints_of(acts[self.kept]),
         )
 
     @cached_property

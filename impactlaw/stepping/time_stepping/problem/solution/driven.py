@@ -125,22 +125,31 @@ def solve_undriven(
 ):  # fmt: skip
     """Solve the problem as `solve_contacts` does, with equalities that would drive the collision as stops.
 
-    Only the equalities in ``bound``, (g,), can become stops. ``turned``, (g,), is zero, and ``room``, (4 n,), is
-    scratch.
+    Only the equalities in ``bound``, (g,), can become stops. Which do depends on the restitution: if the solution
+    reduces it, equalities that would then drive the collision become stops, too. ``turned``, (g,), is zero, and
+    ``room``, (5 n,), is scratch.
     """
     n = len(x)
-    held, soft, rest = room[2 * n : 3 * n], room[3 * n : 4 * n], room[: 2 * n]
+    held, soft, aimed, rest = room[2 * n : 3 * n], room[3 * n : 4 * n], room[4 * n : 5 * n], room[: 2 * n]
     put(held, rates[3])
     put(soft, rates[4])
-    if any_of(bound):
+    put(aimed, sliding)
+    some = any_of(bound)
+    if some:
         _stop(
             sparse, colind, value, groups, amounts, rates, target, sliding, collides, bound, tree, exact, rounds, left,
             x, z, after, scaled, turned, rest,
         )  # fmt: skip
-    found = solve_contacts(
-        sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, tree, exact, dissipative,
-        together, rounds, left, x, z, after, scaled, rest,
-    )  # fmt: skip
+    while True:
+        found = solve_contacts(
+            sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, tree, exact, dissipative,
+            together, rounds, left, x, z, after, scaled, rest,
+        )  # fmt: skip
+        if not some or found[0] == 1.0 or not _some_work(groups, rates, after, x, bound, turned):
+            break
+        if not _turn(sparse, colind, value, groups, rates, tree, collides, bound, turned, x, after):
+            break
+        put(sliding, aimed)
     put(rates[3], held)
     put(rates[4], soft)
     return found

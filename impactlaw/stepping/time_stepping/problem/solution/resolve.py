@@ -36,7 +36,7 @@ def _resolve(
     known_groups, known_key, known_scale, known, timestep, exact, dissipative, together, rounds, left, tree,
     factor, inverse, Mnnz, Madr, Mcol, x, change, shift, reached, z, turned, room,
 ):  # fmt: skip
-    """Do the work of `resolve`; ``turned``, (g,), is zero, and ``room``, (5 n + 2 g + 2 nv,), is scratch space."""
+    """Do the work of `resolve`; ``turned``, (g,), is zero, and ``room``, (6 n + 2 g + 2 nv,), is scratch space."""
     n, g, nv = len(x), len(target), len(z)
     after, root, w = room[:n], room[n : n + nv], room[n + nv : n + 2 * nv]
     need, push, rest = room[n + 2 * nv :][:g], room[n + 2 * nv + g :][:g], room[n + 2 * nv + 2 * g :]
@@ -74,7 +74,7 @@ def resolve(
     targets, the whitened change of velocity, and the sliding velocities reached for, which replace the given ones.
     Return whether there are overlaps to open, and the numbers of `resolve_step`.
     """
-    turned, room = counts(len(target)), numbers(5 * len(x) + 2 * len(target) + 2 * len(z))
+    turned, room = counts(len(target)), numbers(6 * len(x) + 2 * len(target) + 2 * len(z))
     return _resolve(
         sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, bound,
         known_groups, known_key, known_scale, known, timestep, exact, dissipative, together, rounds, left, tree,
