@@ -72,8 +72,9 @@ def _set_margins(
 def outrun(model: mujoco.MjModel, data: mujoco.MjData, sizes: np.ndarray) -> bool:
     """Return whether a collision throws a body farther in a timestep than contacts were looked for."""
     mj_comVel(model, data)
-    bodies = model.body_margin, model.body_rootid, model.body_treeid, sizes, data.xipos
-    return bool(find_outrun(*bodies, data.subtree_com, data.cvel, model.opt.timestep))
+    margins = model.body_margin, model.geom_margin, model.geom_bodyid
+    bodies = model.body_rootid, model.body_treeid, sizes, data.xipos
+    return bool(find_outrun(*margins, *bodies, data.subtree_com, data.cvel, model.opt.timestep))
 
 
 def look_farther(

@@ -122,14 +122,18 @@ def _pass_by(leader, root, tree, size, center, subtree, velocity):
 
 
 @plain
-def outruns(body_margin, root, tree, size, center, subtree, velocity, timestep):
+def outruns(
+    body_margin, geom_margin, body_of_geom, root, tree, size, center, subtree, velocity, timestep
+):  # fmt: skip
     """Return whether some body moves farther in a timestep than contacts were looked for.
 
     It does not if it does not for one who moves along with the leader.
 
     Args:
         body_margin: that they were looked for with, m, (nbody,).
-        root: see `set_margins`, like the five that follow.
+        geom_margin: the same of geoms, which is less where another geom of the body has a gap, (ngeom,).
+        body_of_geom: see `set_margins`, like the six that follow.
+        root: the body on the world that carries each body.
         tree: of bodies.
         size: of bodies.
         center: of bodies.
@@ -137,28 +141,42 @@ def outruns(body_margin, root, tree, size, center, subtree, velocity, timestep):
         velocity: MuJoCo's cvel, of what contact has led to, (nbody, 6).
         timestep: h, s.
     """
-    leader = _leader(tree)
-    far = _is_far(body_margin, root, tree, size, center, subtree, velocity, timestep, 0)
+    leader, margins = _leader(tree), (body_margin, geom_margin, body_of_geom)
+    far = _is_far(margins, root, tree, size, center, subtree, velocity, timestep, 0)
     if far and leader != 0:
-        far = timestep * _pass_by(leader, root, tree, size, center, subtree, velocity) > body_margin[0]
-        return far or _is_far(body_margin, root, tree, size, center, subtree, velocity, timestep, leader)
+        travel = timestep * _pass_by(leader, root, tree, size, center, subtree, velocity)
+        far = travel > body_margin[0]
+        for g in range(len(geom_margin)):
+            far = far or (tree[body_of_geom[g]] < 0 and travel > geom_margin[g])
+        return far or _is_far(margins, root, tree, size, center, subtree, velocity, timestep, leader)
     return far
 
 
 @plain
-def _is_far(body_margin, root, tree, size, center, subtree, velocity, timestep, leader):
+def _is_far(margins, root, tree, size, center, subtree, velocity, timestep, leader):
+    body_margin, geom_margin, body_of_geom = margins
     for i in range(len(tree)):
         if tree[i] >= 0:
             speed = _speed(velocity[i], velocity[leader], _arm(i, root, center, subtree), size[i])
             if timestep * speed > body_margin[i]:
                 return True
+    for g in range(len(geom_margin)):
+        i = body_of_geom[g]
+        if tree[i] >= 0 and geom_margin[g] < body_margin[i]:
+            speed = _speed(velocity[i], velocity[leader], _arm(i, root, center, subtree), size[i])
+            if timestep * speed > geom_margin[g]:
+                return True
     return False
 
 
 @compiled()
-def find_outrun(body_margin, root, tree, size, center, subtree, velocity, timestep):
+def find_outrun(
+    body_margin, geom_margin, body_of_geom, root, tree, size, center, subtree, velocity, timestep
+):  # fmt: skip
     """Do what `outruns` does."""
-    return outruns(body_margin, root, tree, size, center, subtree, velocity, timestep)
+    return outruns(
+        body_margin, geom_margin, body_of_geom, root, tree, size, center, subtree, velocity, timestep
+    )  # fmt: skip
 
 
 @plain

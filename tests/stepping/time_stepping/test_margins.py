@@ -106,8 +106,9 @@ def test_no_two_geoms_come_to_each_other_from_farther_than_their_margins(trees, 
             assert (SLACK * H * fastest_approaches(rng, model, data, velocity) <= far)[may].all()
         for scale in (0.3, 1.0, 3.0):  # a collision can cause any velocity
             after = velocities_of_bodies(model, data, scale * rng.permutation(data.qvel))
-            bodies = model.body_margin, model.body_rootid, model.body_treeid, size, data.xipos, data.subtree_com
-            if not find_outrun(*bodies, after, H):
+            margins = model.body_margin, model.geom_margin, model.geom_bodyid
+            bodies = model.body_rootid, model.body_treeid, size, data.xipos, data.subtree_com
+            if not find_outrun(*margins, *bodies, after, H):
                 assert (H * fastest_approaches(rng, model, data, after) <= far)[may].all()
 
 

@@ -138,10 +138,11 @@ def find_sizes(w, sizes, carriers):
 @plain
 def outrun(w):
     """Return whether a collision throws a body farther than contacts were looked for; see `free_motion.outrun`."""
-    nbody = size(w, MODEL.nbody)
+    nbody, ngeom = size(w, MODEL.nbody), size(w, MODEL.ngeom)
     mj.com_vel(w.model, w.data)
     return outruns(
-        model_floats(w, MODEL.body_margin, nbody), model_ints(w, MODEL.body_rootid, nbody),
+        model_floats(w, MODEL.body_margin, nbody), model_floats(w, MODEL.geom_margin, ngeom),
+        model_ints(w, MODEL.geom_bodyid, ngeom), model_ints(w, MODEL.body_rootid, nbody),
         model_ints(w, MODEL.body_treeid, nbody), floats(w.sizes, nbody),
         rows_of(w, DATA.xipos, nbody, 3), rows_of(w, DATA.subtree_com, nbody, 3), rows_of(w, DATA.cvel, nbody, 6),
         w.timestep,

@@ -51,3 +51,19 @@ def test_adhesion_reaches_as_far_as_the_gaps_of_both(away, pulled, how):
     model, data = compiled(world, option='gravity="0 0 0"')
     run(stepping(model, Moreau(0), compiled=how), data, 10)
     assert (data.qvel[2] > 0.1) == pulled
+
+
+@pytest.mark.parametrize("how", ["auto", "never"])
+def test_what_a_collision_throws_is_looked_for_though_another_geom_of_it_has_a_gap(how):
+    """A ball is hit, and thrown at a wall within the step; the gap is of a pad that touches nothing."""
+    world = """<body><joint type="slide" axis="1 0 0"/><geom name="a" size=".05" mass="1"/></body>
+        <body name="b" pos=".12 0 0"><joint type="slide" axis="1 0 0"/><geom name="b" size=".05" mass="1"/>
+          <geom size=".01" pos="0 0 .2" mass="0" gap="1" contype="0" conaffinity="0"/></body>
+        <geom name="wall" type="plane" pos=".2 0 0" zaxis="-1 0 0" size="1 1 1"/>"""
+    sticks = '<actuator><adhesion body="b" ctrlrange="0 1" gain="1"/></actuator>'
+    model, data = compiled(world, sticks, option='gravity="0 0 0" timestep=".01"', geom='condim="1"')
+    data.qvel[0] = 10.0
+    stepper = stepping(model, Moreau(1.0), compiled=how)
+    stepper.step(data)
+    assert [event.contacts.labels for event in stepper.events] == [("a/b",), ("wall/b",), ("a/b",)]
+    assert data.qpos[1] == pytest.approx(0.0, abs=1e-9)
