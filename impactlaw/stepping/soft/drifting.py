@@ -7,7 +7,7 @@ import numpy as np
 from impactlaw.laws.tolerances import INFLUENCE
 from impactlaw.mechanics.bilateral import Bilateral
 from impactlaw.mechanics.kinetic_metric import KineticMetric
-from impactlaw.scene.equality_constraints import CALM, DRIFT, TIED
+from impactlaw.scene.equality_constraints import CALM, DRIFT, HELD_BY_DRIFT
 
 
 def drifting(metric: KineticMetric, gradients: np.ndarray, constraints: np.ndarray, velocity: np.ndarray) -> np.ndarray:
@@ -20,7 +20,7 @@ def drifting(metric: KineticMetric, gradients: np.ndarray, constraints: np.ndarr
     whitened, at = metric.whiten_gradients(gradients), metric.whiten(velocity)
     left = Bilateral.of(metric.whiten_gradients(constraints)).project(whitened)
     size, before, allowed = np.linalg.norm(left, axis=1), np.linalg.norm(whitened, axis=1), left @ at
-    found = (size > 0.0) & (size <= TIED * before)
+    found = (size > 0.0) & (size <= HELD_BY_DRIFT * before)
     for i in np.flatnonzero(found):
         reached = np.abs(left @ left[i]) > INFLUENCE * size * size[i]
         fastest = (np.abs(allowed[reached]) / size[reached]).max(initial=0.0)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from impactlaw.compiled import compiled
-from impactlaw.scene.equality_constraints import CALM, DRIFT, TIED, TYING
+from impactlaw.scene.equality_constraints import CALM, DRIFT, HELD_BY_DRIFT, TYING
 from impactlaw.solvers.cones import BILATERAL, CONE
 from impactlaw.solvers.cones.algebra.loops import cleared, indices, kernel, plain, zeros
 from impactlaw.stepping.time_stepping.problem.energy import find_islands
@@ -48,7 +48,7 @@ def _is_closed_by(sparse, colind, value, rates, row, limit, fastest, work):
         product += value[a] * work[colind[a]]
     share = product / max(own, 1e-300)
     left = other - share * product
-    if not _ALL * other < left <= TIED * TIED * other:
+    if not _ALL * other < left <= HELD_BY_DRIFT * HELD_BY_DRIFT * other:
         return False
     drift = share * rates[1, row]
     return abs(drift) > max(CALM * abs(rates[1, limit] - drift), DRIFT * np.sqrt(left) * fastest)

@@ -8,7 +8,7 @@ from numba import types
 from impactlaw.laws.tolerances import INFLUENCE
 from impactlaw.linked import linked
 from impactlaw.mechanics.tolerances import FIXED
-from impactlaw.scene.equality_constraints import CALM, DRIFT, TIED
+from impactlaw.scene.equality_constraints import CALM, DRIFT, HELD_BY_DRIFT
 from impactlaw.solvers.cones.algebra.loops import FIRST, FLOATS, dot, numbers, plain
 from impactlaw.stepping.compiled.access import data_floats, jacobian_of, layout_of, number, size, velocity_of
 from impactlaw.stepping.compiled.fields import DATA, MODEL
@@ -42,7 +42,7 @@ def _fastest(left, lengths, allowed, i, nv):
 @plain
 def _acts(found, gamma, left, lengths, before, allowed, i, nv):
     """Return whether a contact or limit takes part in collisions."""
-    if found.contact[i] >= 0 or lengths[i] == 0.0 or lengths[i] > TIED * before[i]:
+    if found.contact[i] >= 0 or lengths[i] == 0.0 or lengths[i] > HELD_BY_DRIFT * before[i]:
         return True
     rest = DRIFT * lengths[i] * _fastest(left, lengths, allowed, i, nv)
     return abs(gamma[i] - allowed[i]) <= max(CALM * abs(allowed[i]), rest)
