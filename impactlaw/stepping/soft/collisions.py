@@ -35,6 +35,7 @@ from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.soft.drifting import drifting
 from impactlaw.stepping.soft.driven import Constraints, is_dragged
 from impactlaw.stepping.soft.rebounds import bounces, hold_back
+from impactlaw.stepping.soft.since_closed import put_back
 from impactlaw.stepping.soft.tolerances import LOCKED, OPENING, ROUNDING, WORK
 from impactlaw.stepping.work import Work
 
@@ -82,7 +83,10 @@ class Collisions:
         self._work = Work(model.nv, WORK, rounds=THOROUGH, once=True)
 
     def resolve(self, data: mujoco.MjData) -> tuple[tuple[ImpactEvent, ...], int]:
-        """Let the law change the velocity; return the collisions and the last stage that is still current."""
+        """Let the law change the velocity; return the collisions and the last stage that is still current.
+
+        Where MuJoCo's contacts would push beside it, positions change, too, see `since_closed`.
+        """
         rows, speed, surfaces = data.efc_vel, self.rest_speed, self.surfaces
         still = surfaces is None or surfaces.still
         if still and (
@@ -115,7 +119,11 @@ class Collisions:
         self.unlocated += len(events) > self.collider.most
         if np.array_equal(found.velocity, data.qvel):
             return events, VELOCITY
-        data.qvel[:] = found.velocity
+        before, data.qvel[:] = data.qvel.copy(), found.velocity
+        put_back(
+            self._model, data, before, self.names, self.limits,
+            rest_speed=self.rest_speed, chosen=self.chosen, surfaces=surfaces,
+        )  # fmt: skip
         return events, POSITION
 
     def _resolved(

@@ -54,8 +54,8 @@ def hold_back(
         chosen: the contacts that the law is for; None for all.
         surfaces: moving mocap bodies; None if there are none.
     """
-    rows, labels, drift = _normals(model, data, names, limits, surfaces)
-    pair = np.where(_are_pairs(model, data, rows), rows + 1, rows)
+    rows, labels, drift = normals(model, data, names, limits, surfaces)
+    pair = np.where(are_pairs(model, data, rows), rows + 1, rows)
     gamma = 0.5 * (data.efc_vel[rows] + data.efc_vel[pair])
     stiffness, damping, impedance = data.efc_KBIP.reshape(-1, 4)[rows, :3].T
     reached = row_velocities(model, data, data.qacc)
@@ -72,7 +72,7 @@ def hold_back(
     return bool(held.any())
 
 
-def _normals(
+def normals(
     model: mujoco.MjModel, data: mujoco.MjData, names: tuple[str, ...], limits: Limits, surfaces: Surfaces | None
 ) -> tuple[np.ndarray, tuple[str, ...], np.ndarray]:
     """Return the first rows, the labels and the drifts of all limits and contacts that MuJoCo's solver acts on."""
@@ -92,7 +92,7 @@ def _normals(
     )
 
 
-def _are_pairs(model: mujoco.MjModel, data: mujoco.MjData, rows: np.ndarray) -> np.ndarray:
+def are_pairs(model: mujoco.MjModel, data: mujoco.MjData, rows: np.ndarray) -> np.ndarray:
     """Return whether rows are the first ones of pyramids, the mean of whose first two is the normal."""
     pairs = np.zeros(len(rows), dtype=bool)
     if model.opt.cone == _PYRAMIDAL and data.ncon:

@@ -10,6 +10,8 @@ go (`rebounds`), or something touches where damping all but locks a joint (`one_
 do between collisions is theirs, and a contact that first touches inside of a step is seen at its end, up to one step
 too deep.
 
+Where its contact would push what the law lets go, positions change with the velocity (`since_closed`).
+
 MuJoCo gives mocap bodies no velocity. The law does, from their motion (`Surfaces`): ``gamma = J v + w``
 decides what collides and how. Between collisions MuJoCo's contacts meet them at rest, where they are at the end of the
 step.
@@ -180,6 +182,7 @@ class SoftStepping:
             self._look(data)
         contacts = data.ncon + data.nl
         events, stage = self.collisions.resolve(data) if contacts else NOTHING
+        contacts = data.ncon + data.nl  # which can be open now
         if integrator == _DISCRETE:  # has no function of its own but mj_step2, which calls no control callback
             self._finish_step(data, stage)
             return events

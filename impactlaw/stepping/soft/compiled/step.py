@@ -34,6 +34,7 @@ from impactlaw.stepping.compiled.fields import (
 )
 from impactlaw.stepping.soft.compiled.collide import collide
 from impactlaw.stepping.soft.compiled.contacts.found import find, normal_velocities
+from impactlaw.stepping.soft.compiled.contacts.since_closed import put_back
 from impactlaw.stepping.soft.compiled.locked import lock, locks, room, takes_forces, unlock
 from impactlaw.stepping.soft.compiled.rebounds import bounces, hold_back
 from impactlaw.stepping.soft.compiled.world import DIVERGED, FINE, PYTHON, Law, World
@@ -151,6 +152,13 @@ def _runge_kutta(w):
 
 
 @kernel
+def _velocity_in(w, state):
+    """Return qvel in a state, (nv,)."""
+    q = 1 + size(w, MODEL.nq)
+    return state[q : q + w.nv]
+
+
+@kernel
 def _closes(w, law, velocity):
     """Return whether a contact of now would close faster than `rest_speed` at another velocity, (nv,)."""
     rows, found = numbers(number(w, DATA.nefc)), find(w, law.bilateral)
@@ -165,8 +173,7 @@ def _collide_at_end(w, law, trial, touched, between, state, start, sums):
 
     Return how it has ended. What its last stage has met is not looked at if something was met `between`.
     """
-    q = 1 + size(w, MODEL.nq)
-    if not between and not _closes(w, law, state[q : q + w.nv]):
+    if not between and not _closes(w, law, _velocity_in(w, state)):
         return FINE
     now = World(w.model, trial, w.table, w.nv)
     mj.set_state(w.model, trial, address_of(state), STATE)
@@ -178,11 +185,14 @@ def _collide_at_end(w, law, trial, touched, between, state, start, sums):
     mj.fwd_position(w.model, trial)
     mj.fwd_velocity(w.model, trial)
     of_trial, told = zeros(len(sums)), law.outcomes[0] if len(law.outcomes) > 0 else 0.0
+    before = numbers(w.nv)
+    put(before, velocity_of(now))
     status, changed = _collide(now, law, of_trial)
     if status == FINE and not changed and len(law.outcomes) > 0:
         law.outcomes[0] = told
     if status == FINE and changed:
         sums += of_trial
+        put_back(now, law, before)
         end = numbers(len(state))
         mj.get_state(w.model, trial, address_of(end), STATE)
         mj.set_state(w.model, w.data, address_of(end), STATE)
@@ -204,7 +214,9 @@ def _from_start(w, law, trial, integrator, state, sums):
         unlock(w, kept)
     if status != FINE:
         return status
-    locked = locked and takes_forces(w)
+    if changed:
+        put_back(w, law, _velocity_in(w, state))
+    locked = locked and takes_forces(w) and _touches(w) > 0
     if changed or not locked:
         mj.rest_of_forward(w.model, w.data, np.int32(_POSITION if changed else _VELOCITY), np.int32(0))
     if locked:  # velocities are those of M: their energy, and what sensors measure of them

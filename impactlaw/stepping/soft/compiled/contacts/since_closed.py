@@ -1,0 +1,121 @@
+"""Bodies that collide are put where MuJoCo's contacts do not push beside the law; see `soft.since_closed`."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numba import types
+
+from impactlaw.linked import linked
+from impactlaw.solvers.cones.algebra.loops import FLOATS, indices, kernel, numbers, plain, zeros
+from impactlaw.stepping.compiled import libmujoco as mj
+from impactlaw.stepping.compiled.access import (
+    contact_floats,
+    contact_ints,
+    data_at,
+    data_floats,
+    data_ints,
+    jacobian_of,
+    model_ints,
+    number,
+    offset,
+    option,
+    rows_of,
+    size,
+    velocity_of,
+)
+from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, float_at, keep
+from impactlaw.stepping.compiled.islands import join_trees, tree_of
+from impactlaw.stepping.soft.compiled.contacts.found import find, normal_velocities
+from impactlaw.stepping.soft.compiled.contacts.kinds import LAW, WORLD
+from impactlaw.stepping.soft.tolerances import OPENING
+
+_ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+
+
+@plain
+def _push(w, found, i, wanted):
+    """Return how fast a contact alone would be accelerated along its normal; below 0 it pushes nothing, m/s^2."""
+    row, contact = found.row[i], found.contact[i]
+    if contact < 0:
+        return wanted[row]
+    sliding = contact_ints(w, CONTACT.dim, 1)[contact, 0] - 1
+    if found.paired[i]:
+        most = wanted[row]
+        for r in range(row, row + 2 * sliding):
+            most = max(most, wanted[r])
+        return most
+    friction, square = contact_floats(w, CONTACT.friction, 5), 0.0
+    for k in range(sliding):
+        square += (friction[contact, k] * wanted[row + 1 + k]) ** 2
+    return wanted[row] + np.sqrt(square)
+
+
+@plain
+def _find_wanted(w, after, wanted):
+    """Write the reference accelerations that rows would have at other velocities, (nefc,)."""
+    n = number(w, DATA.nefc)
+    table, gap, margin = (
+        rows_of(w, DATA.efc_KBIP, n, 4),
+        data_floats(w, DATA.efc_pos, n),
+        data_floats(w, DATA.efc_margin, n),
+    )
+    for r in range(n):
+        wanted[r] = table[r, 0] * table[r, 2] * (margin[r] - gap[r]) - table[r, 1] * after[r]
+
+
+@plain
+def _since(w, law, found, i, closing, opening, wanted):
+    """Return how long ago a contact has closed, a timestep at most; 0 if it opens without MuJoCo's force, or not."""
+    row, n = found.row[i], number(w, DATA.nefc)
+    depth = data_floats(w, DATA.efc_margin, n)[row] - data_floats(w, DATA.efc_pos, n)[row]
+    if not (closing[i] < -law.rest_speed and opening[i] > OPENING * law.rest_speed and depth > 0.0):
+        return 0.0
+    if not _push(w, found, i, wanted) > 0.0:
+        return 0.0
+    return min(depth / -closing[i], float_at(w.model + offset(w, MODEL.opt_timestep)))
+
+
+@kernel
+def _move(w, found, since, before):
+    """Move each island by its change of velocity over the longest time since one of its contacts has closed."""
+    n, many, tree = number(w, DATA.nefc), size(w, MODEL.ntree), model_ints(w, MODEL.dof_treeid, w.nv)
+    (nnz, adr, col, val), island, longest = jacobian_of(w), indices(many), zeros(many)
+    join_trees(data_ints(w, DATA.efc_type, n), data_ints(w, DATA.efc_id, n), nnz, adr, col, val, tree, island)
+    for i in range(len(since)):
+        if since[i] > 0.0:
+            t = island[tree_of(nnz, adr, col, val, found.row[i], tree)]
+            longest[t] = max(longest[t], since[i])
+    qvel, change = velocity_of(w), numbers(w.nv)
+    for k in range(w.nv):
+        change[k] = longest[island[tree[k]]] * (qvel[k] - before[k])
+    mj.integrate_pos(w.model, data_at(w, DATA.qpos), address_of(change), 1.0)
+    keep(change)
+    mj.fwd_position(w.model, w.data)
+    mj.sensor_pos(w.model, w.data)
+    if option(w, MODEL.opt_enableflags) & _ENERGY:
+        mj.energy_pos(w.model, w.data)
+
+
+@linked(types.void(WORLD, LAW, FLOATS))
+def put_back(w, law, before):
+    """Put bodies where they would be if the law had acted when their contacts closed, and update positions.
+
+    Args:
+        w: the world, after the collisions; all but its velocity is that before.
+        law: see `world.Law`.
+        before: the velocity before, (nv,).
+    """
+    n, found = number(w, DATA.nefc), find(w, law.bilateral[:0])
+    h, after, wanted = len(found.row), numbers(n), numbers(n)
+    closing, opening, since, some = numbers(h), numbers(h), numbers(h), False
+    mj.mul_jac_vec(w.model, w.data, address_of(after), data_at(w, DATA.qvel))
+    keep(after)
+    normal_velocities(found, data_floats(w, DATA.efc_vel, n), closing)
+    normal_velocities(found, after, opening)
+    _find_wanted(w, after, wanted)
+    for i in range(h):
+        since[i] = _since(w, law, found, i, closing, opening, wanted)
+        some = some or since[i] > 0.0
+    if some:
+        _move(w, found, since, before)

@@ -1,0 +1,103 @@
+"""Contacts that the law opens and that MuJoCo's forces would open faster: bodies are put where that cannot be.
+
+A collision is seen after its contact has closed, by up to a timestep. Until the contact is open again MuJoCo's force is
+there beside the law: its friction lifts what slides on, and its spring throws where it is too stiff for the timestep,
+or where the law lets go of little. So bodies that collide are put where they would be if the law had acted when their
+contacts closed: a time tau later, the change of velocity has moved them by ``tau (v+ - v-)``. Such contacts are open
+then. Where MuJoCo's contacts would push nothing, nothing is moved.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from impactlaw.laws.restitution.on_contacts import Chosen
+from impactlaw.scene.contacts import row_velocities
+from impactlaw.scene.joint_limits import Limits
+from impactlaw.scene.moving_surfaces import Surfaces
+from impactlaw.stepping.soft.rebounds import are_pairs, normals
+from impactlaw.stepping.soft.tolerances import OPENING
+
+_DISCRETE = int(mujoco.mjtIntegrator.mjINT_DISCRETE)
+_CONES = [int(getattr(mujoco.mjtConstraint, f"mjCNSTR_CONTACT_{name}")) for name in ("PYRAMIDAL", "ELLIPTIC")]
+_ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+
+
+def put_back(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    before: np.ndarray,
+    names: tuple[str, ...],
+    limits: Limits,
+    *,
+    rest_speed: float,
+    chosen: Chosen | None,
+    surfaces: Surfaces | None,
+) -> None:
+    """Put bodies where they would be if the law had acted when their contacts closed, and update positions.
+
+    The integrator "discrete" has not made the springs of contacts yet, and moves nothing here.
+
+    Args:
+        model: the scene.
+        data: after the collisions; all but the velocity is that before.
+        before: the velocity before, (nv,).
+        names: of geoms.
+        limits: of joints and tendons.
+        rest_speed: speed above which contacts collide, m/s or rad/s.
+        chosen: the contacts that the law is for; None for all.
+        surfaces: moving mocap bodies; None if there are none.
+    """
+    if model.opt.integrator == _DISCRETE:
+        return
+    rows, labels, drift = normals(model, data, names, limits, surfaces)
+    pair, after = np.where(are_pairs(model, data, rows), rows + 1, rows), row_velocities(model, data, data.qvel)
+    closing = 0.5 * (data.efc_vel[rows] + data.efc_vel[pair]) + drift
+    opening = 0.5 * (after[rows] + after[pair]) + drift
+    depth = data.efc_margin[rows] - data.efc_pos[rows]
+    found = (closing < -rest_speed) & (opening > OPENING * rest_speed) & (depth > 0.0)
+    if chosen is not None:
+        found &= chosen.mask(labels)
+    stiffness, damping, impedance = data.efc_KBIP.reshape(-1, 4)[: data.nefc, :3].T
+    wanted = stiffness * impedance * (data.efc_margin - data.efc_pos) - damping * after
+    for i in np.flatnonzero(found):
+        found[i] = _push(data, wanted, rows[i], is_pair=pair[i] > rows[i]) > 0.0
+    if found.any():
+        since = np.minimum(depth[found] / -closing[found], model.opt.timestep)
+        _move(model, data, data.qvel - before, rows[found], since)
+
+
+def _push(data: mujoco.MjData, wanted: np.ndarray, row: int, *, is_pair: bool) -> float:
+    """Return how fast a contact alone would be accelerated along its normal; below 0 it pushes nothing, m/s^2.
+
+    Args:
+        data: its state.
+        wanted: reference accelerations of MuJoCo's rows, (nefc,).
+        row: the first one of the contact.
+        is_pair: whether it is that of a pyramid.
+    """
+    contact = data.efc_id[row]
+    if data.efc_type[row] not in _CONES:
+        return float(wanted[row])
+    sliding = int(data.contact.dim[contact]) - 1
+    if is_pair:
+        return float(wanted[row : row + 2 * sliding].max())
+    friction = data.contact.friction[contact, :sliding] * wanted[row + 1 : row + 1 + sliding]
+    return float(wanted[row] + np.linalg.norm(friction))
+
+
+def _move(model: mujoco.MjModel, data: mujoco.MjData, change: np.ndarray, rows: np.ndarray, since: np.ndarray) -> None:
+    """Move each island by its change of velocity, (nv,), over the longest time since one of its rows has closed."""
+    # numba is not loaded before it is used
+    from impactlaw.stepping.compiled.dense import sparse_jacobian
+    from impactlaw.stepping.compiled.islands import joined_trees, trees_of_rows
+
+    jacobian, trees = sparse_jacobian(model, data), model.dof_treeid
+    island, longest = joined_trees(data.efc_type, data.efc_id, *jacobian, trees, model.ntree), np.zeros(model.ntree)
+    np.maximum.at(longest, island[trees_of_rows(*jacobian, trees, data.nefc)[rows]], since)
+    mujoco.mj_integratePos(model, data.qpos, longest[island[trees]] * change, 1.0)
+    mujoco.mj_fwdPosition(model, data)
+    mujoco.mj_sensorPos(model, data)
+    if model.opt.enableflags & _ENERGY:
+        mujoco.mj_energyPos(model, data)
