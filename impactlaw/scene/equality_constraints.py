@@ -21,8 +21,8 @@ RESTING = 1e-9
 DRIFT = 1e-3
 """Velocity of a constraint that moves a gap that counts as 0, relative to the fastest contact in the kinetic metric."""
 TIED = 0.2
-"""Part of a gap gradient that such constraints must leave free for the contact to act, measured by how fast the gap opens
-next to the fastest degree of freedom, in units of `lengths`."""
+"""Part of a gap gradient that such constraints must leave free for the contact to act. It is measured by how fast the
+gap opens next to the fastest degree of freedom, in units of `lengths`."""
 HELD_BY_DRIFT = 0.2
 """Part of the length of a gap gradient up to which constraints that have drifted leave the contact no motion."""
 SHIFTS = 3
