@@ -26,8 +26,11 @@ from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 _SHIFTS = 100  # largest number of corrections of the shift
 _SMALLEST = 40  # number of corrections that look for the smallest shift; the others only open the remaining overlap
 _SETTLED = 1e-6  # change of the shift by a correction, relative to the shift, below which it has settled
+_FAR = 1e3  # largest shift along slides and of free bodies, relative to the depth of the deepest overlap
+_TURNS = 2.0 * np.pi  # largest rotation by a shift, beyond that which opens violated limits, rad
 _NAMED = 5  # number of overlaps that an error names
-_SINGLE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+_FREE, _SLIDE = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+_SINGLE = int(mujoco.mjtJoint.mjJNT_HINGE), _SLIDE
 _ROUNDED = int(mujoco.mjtGeom.mjGEOM_MESH), int(mujoco.mjtGeom.mjGEOM_HFIELD)  # their points have single precision
 _ROUNDING = 2.0**-24  # rounding of these points, relative to the size of the geom
 
@@ -114,6 +117,8 @@ def _smallest_shift(phases: SmoothPhases, start: ContactState) -> ContactState:
         settled = np.abs(change).max() <= _SETTLED * np.abs(wanted).max()
         if settled and gap.min() >= -allowed and contact_set.opening(change) <= allowed:
             return now
+        if _is_far(configuration.model, wanted, reach):
+            break
         shift = wanted
         configuration.shift(shift, qpos=qpos)
         now = phases.look(reach)
@@ -121,6 +126,14 @@ def _smallest_shift(phases: SmoothPhases, start: ContactState) -> ContactState:
         reason = "bodies are squeezed there: no shift was found that opens all gaps"
         raise refuse(start.contact_set, phases.tolerance, reason)
     return now
+
+
+def _is_far(model: mujoco.MjModel, shift: np.ndarray, reach: float) -> bool:
+    """Return whether a shift, (nv,), is far larger than the overlaps, as if constraints leave contacts almost no motion."""
+    joint = model.jnt_type[model.dof_jntid]
+    first = np.arange(model.nv) - model.jnt_dofadr[model.dof_jntid]
+    moves = (joint == _SLIDE) | ((joint == _FREE) & (first < 3))
+    return bool((np.abs(shift) > np.where(moves, _FAR * reach, _TURNS + reach)).any())
 
 
 def _shift(contact_set: ContactSet, least: np.ndarray) -> np.ndarray:

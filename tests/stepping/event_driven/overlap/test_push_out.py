@@ -1,5 +1,6 @@
 """Overlap at the start of rigid stepping is removed by the smallest shift in the kinetic metric; exact answers."""
 
+import mujoco
 import numpy as np
 import pytest
 from stepping.event_driven.overlap.built import BALL, STATIC_LID, H, build, pushed, slider
@@ -135,3 +136,21 @@ def test_equality_constraints_hold_while_bodies_are_pushed():
     model, data = build(FLOOR + body.format(x=0, z=0.08, n="left", m=1) + body.format(x=1, z=0.3, n="right", m=5), rest)
     pushed(model, data)
     np.testing.assert_allclose(data.qpos, [0.02, 0.02], atol=1e-9)
+
+
+def test_rods_that_overlap_in_the_pin_that_joins_them_are_not_turned():
+    """Watt's linkage of rods: no motion that the pin allows opens them, but for the rounding of their gradient."""
+    rod = '<geom type="capsule" size="{size}" mass="1" fromto="0 0 0 {end}"/>'
+    left = rod.format(size=0.06, end="2 1.5 0")
+    middle = f'<body name="middle" pos="2 1.5 0"><joint axis="0 0 1"/>{rod.format(size=0.055, end="2 -.5 0")}</body>'
+    right = rod.format(size=0.06, end="-2 1.5 0")
+    world = f"""<body pos="-2.5 0 0"><joint axis="0 0 1" damping=".2"/>{left}{middle}</body>
+                <body name="right" pos="2.5 0 0"><joint axis="0 0 1" damping=".2"/>{right}</body>"""
+    rest = '<equality><connect body1="middle" body2="right" anchor="2 -.5 0"/></equality>'
+    model, data = build(world, rest)
+    mujoco.mj_forward(model, data)
+    assert data.contact.dist.min() < -0.1
+    stepper = Stepper(model, Moreau(0.5), overlap="push-out")
+    for _ in range(5):
+        stepper.step(data)
+    np.testing.assert_allclose(data.qpos, 0.0, atol=1e-3)
