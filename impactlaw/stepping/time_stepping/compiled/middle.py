@@ -177,7 +177,7 @@ def look_at_limits(w, start, free, middle):
     qvel, warnings = velocity_of(w), ints(w.data + offset(w, DATA.warning), 2 * (_ROWS_FULL + 1))
     put(data_floats(w, DATA.qpos, len(middle)), middle)
     put(qvel, start)
-    mj.com_vel(w.model, w.data)  # which has to do with what constraints aim at
+    mj.com_vel(w.model, w.data)  # constraint targets depend on it, and `settle` has left that of another velocity
     widen_limits(w.model, w.table, ALWAYS)
     seen = warnings[2 * _ROWS_FULL + 1]
     mj.make_constraint(w.model, w.data)

@@ -59,3 +59,25 @@ def test_what_opens_an_overlap_does_not_pass_a_limit_that_was_left_out():
             opened.append(data.qpos[0])
         assert max(opened) <= 0.0103
         assert opened[-1] > 0.0102
+
+
+_LINKAGE = """<mujoco><option timestep="0.002" gravity="0 0 0"/><default><geom contype="0" conaffinity="0"/></default>
+  <worldbody><body pos="0 9 0"><joint name="push" type="slide" axis="1 0 0" range="-1 .01"/><geom size=".1"/></body>
+  <body><joint axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 -1" size=".02"/>
+  <body name="end" pos="0 0 -1"><joint axis="0 1 0"/><geom type="capsule" fromto="0 0 0 1 0 0" size=".02"/></body>
+  </body></worldbody><equality><connect body1="end" body2="world" anchor="1 0 0"/></equality>
+  <actuator><motor joint="push"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize("force", [0.0, 2e4])
+def test_linkage_turns_on_where_another_joint_is_driven_past_a_limit_that_was_left_out(force):
+    """The slide has no part in what the linkage does, but its limit is found in the middle of that step."""
+    model = mujoco.MjModel.from_xml_string(_LINKAGE)
+    ends = []
+    for how, pushed in (("auto", force), ("never", 0.0)):
+        data = mujoco.MjData(model)
+        data.qvel[1:] = 20.0, -40.0
+        data.ctrl[:] = pushed
+        Stepper(model, Moreau(0.0), scheme="time-stepping", compiled=how).step(data)
+        ends.append(data.qvel[1:].copy())
+    np.testing.assert_allclose(*ends, rtol=1e-10)
