@@ -262,3 +262,43 @@ def test_the_platform_of_a_delta_robot_bounces(way):
         assert data.body("platform").xpos[2] > -0.392
         upwards = max(upwards, data.qvel[-4])
     assert upwards > 0.3
+
+
+CHUTE = """<mujoco><option timestep="0.002" gravity="0 0 0" cone="{cone}"/><worldbody>
+  <geom name="floor" type="plane" size="9 9 1"/>
+  <body name="a" pos="0 0 .1003"><joint type="slide" axis="0 1 0"/><joint type="slide" axis="0 0 1"/>
+    <geom size=".1" mass="1" friction="1"/></body>
+  <body name="b" pos="0 0 .1003"><joint type="slide" axis="0 {side} 1"/>
+    <geom size=".1" mass="1" contype="0" conaffinity="0"/></body>
+  </worldbody><equality><connect body1="a" body2="b" anchor="0 0 0"/></equality></mujoco>"""
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("side", [-1, 1])
+@pytest.mark.parametrize("cone", ["pyramidal", "elliptic"])
+def test_ball_that_is_led_along_an_edge_of_its_pyramid_of_friction_is_not_tied(way, side, cone):
+    """The constraint leaves the normal free, and takes all of an edge, which is one of MuJoCo's rows."""
+    model = mujoco.MjModel.from_xml_string(CHUTE.format(cone=cone, side=side))
+    data = mujoco.MjData(model)
+    data.qvel[:] = -0.4 * side, -0.4, -0.4 * np.sqrt(2.0)
+    stepper, before = Stepper(model, Moreau(0.5), friction="ignore", **WAYS[way]), data.qvel.copy()
+    for _ in range(10):
+        stepper.step(data)
+        if stepper.events:
+            break
+    np.testing.assert_allclose(stepper.events[0].impact.post_velocity, -0.5 * before, rtol=1e-3)
+
+
+def test_compiled_soft_steps_and_those_in_python_know_the_same_contacts_as_tied():
+    """Two pins next to each other, of bodies that are turned: how many of their rows count is a matter of rank."""
+    pin = '<connect body1="a" body2="b" anchor="{}"/>'
+    pins = pin.format(".0768 -.066 -.007") + pin.format(".0736 -.0717 -.0071")
+    scene = PAIR.format(shape="sphere", equality=pins).replace(".1 .05 .05", ".1").replace('pos=".2', 'pos=".15')
+    model, ends = mujoco.MjModel.from_xml_string(scene), []
+    for how in ("auto", "never"):
+        data = mujoco.MjData(model)
+        data.qpos[7:] = 0.1441, -0.0075, -0.0068, 0.9994, -0.0079, -0.0229, 0.0238
+        data.qvel[0], data.qvel[6] = 0.3, -0.3
+        Stepper(model, Moreau(0.5), contact_model="soft", compiled=how).step(data)
+        ends.append(data.qvel.copy())
+    np.testing.assert_allclose(*ends, atol=1e-9)

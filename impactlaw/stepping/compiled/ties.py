@@ -7,15 +7,25 @@ that the other leaves, and bodies burst apart. Such contacts are left out, like 
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.scene.equality_constraints import SHIFTS, TIED, TYING
 from impactlaw.scene.tolerances import OWN_CONSTRAINT, WRITTEN
 from impactlaw.solvers.cones.algebra.loops import FIRST, clear, cleared, dot, kernel, norm, numbers, plain, subtract
-from impactlaw.stepping.compiled.access import contact_ints, data_ints, model_floats, model_ints, number, size
+from impactlaw.stepping.compiled.access import (
+    contact_ints,
+    data_ints,
+    model_floats,
+    model_ints,
+    number,
+    option,
+    size,
+)
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, flags
 
+_PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 _MOST = 2e7  # operations for the constraints of a step (hundreds of them) above which nothing is looked for
 
 
@@ -94,8 +104,19 @@ def _span(number, constraints, Jnnz, Jadr, Jcol, J, weight, part, basis):
     return count
 
 
+@plain
+def _write_normal(Jnnz, Jadr, Jcol, J, row, paired, weight, out):
+    """Write the gradient of a gap, (nv,), as `_write_scaled` does; where it is `paired`, it is the mean of two rows."""
+    _write_scaled(Jnnz, Jadr, Jcol, J, row, weight, out)
+    if paired:
+        for a in range(Jadr[row + 1], Jadr[row + 1] + Jnnz[row + 1]):
+            out[Jcol[a]] += J[a] / weight[Jcol[a]]
+        for i in range(len(out)):
+            out[i] *= 0.5
+
+
 @kernel
-def find_tied(kinds, number, constraints, Jnnz, Jadr, Jcol, J, weight, address, tied):
+def find_tied(kinds, number, constraints, Jnnz, Jadr, Jcol, J, weight, address, paired, tied):
     """Write which contacts are tied, bool (ncon,), initially False.
 
     Args:
@@ -108,6 +129,7 @@ def find_tied(kinds, number, constraints, Jnnz, Jadr, Jcol, J, weight, address, 
         J: the entries.
         weight: see `equality_constraints.lengths`, (nv,).
         address: first rows of contacts, (ncon,).
+        paired: whether they are pyramids: pairs of rows, whose mean is the normal, bool (ncon,).
         tied: written.
     """
     nv, many, ne = len(weight), 0, 0
@@ -121,17 +143,17 @@ def find_tied(kinds, number, constraints, Jnnz, Jadr, Jcol, J, weight, address, 
     count = _span(number, constraints, Jnnz, Jadr, Jcol, J, weight, part, basis)
     for c in range(len(address)):
         if address[c] >= 0:
-            _write_scaled(Jnnz, Jadr, Jcol, J, address[c], weight, trial)
+            _write_normal(Jnnz, Jadr, Jcol, J, address[c], paired[c], weight, trial)
             whole = _largest(trial)
             leave_out(basis, count, nv, trial, FIRST)
             tied[c] = dot(trial, FIRST, trial, FIRST, nv) <= TIED * whole * _largest(trial)
 
 
 @compiled()
-def tied_contacts(kinds, number, constraints, Jnnz, Jadr, Jcol, J, weight, address):
+def tied_contacts(kinds, number, constraints, Jnnz, Jadr, Jcol, J, weight, address, paired):
     """Return the result of `find_tied`."""
     tied = np.zeros(len(address), np.bool_)
-    find_tied(kinds, number, constraints, Jnnz, Jadr, Jcol, J, weight, address, tied)
+    find_tied(kinds, number, constraints, Jnnz, Jadr, Jcol, J, weight, address, paired, tied)
     return tied
 
 
@@ -150,10 +172,13 @@ def mark_tied(w, constraints, jacobian, tied):
     nnz, adr, col, J = jacobian
     n, weight = number(w, DATA.nefc), numbers(w.nv)
     write_lengths(w, weight)
-    address = contact_ints(w, CONTACT.efc_address, 1)[:, 0]
+    address, dim = contact_ints(w, CONTACT.efc_address, 1)[:, 0], contact_ints(w, CONTACT.dim, 1)[:, 0]
+    pyramidal, paired = option(w, MODEL.opt_cone) == _PYRAMIDAL, cleared(len(tied))
+    for c in range(len(tied)):
+        paired[c] = pyramidal and dim[c] > 1
     find_tied(
         data_ints(w, DATA.efc_type, n), data_ints(w, DATA.efc_id, n), constraints, nnz, adr, col, J, weight, address,
-        tied,
+        paired, tied,
     )  # fmt: skip
 
 

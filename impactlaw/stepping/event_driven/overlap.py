@@ -129,7 +129,7 @@ def _smallest_shift(phases: SmoothPhases, start: ContactState) -> ContactState:
 
 
 def _is_far(model: mujoco.MjModel, shift: np.ndarray, reach: float) -> bool:
-    """Return whether a shift, (nv,), is far larger than the overlaps: constraints leave the contacts almost no motion."""
+    """Return whether a shift, (nv,), is far larger than the overlaps: constraints leave contacts almost no motion."""
     joint = model.jnt_type[model.dof_jntid]
     first = np.arange(model.nv) - model.jnt_dofadr[model.dof_jntid]
     moves = (joint == _SLIDE) | ((joint == _FREE) & (first < 3))

@@ -17,12 +17,8 @@ from impactlaw.mechanics.impact import Impact
 from impactlaw.mechanics.kinetic_metric import KineticMetric
 from impactlaw.scene.contacts import Contacts, active_contacts, closes, gap_gradients, geom_names
 from impactlaw.scene.equality_constraints import (
-    TYING,
-    are_tied,
     bilateral_constraints,
     bilateral_rows,
-    constraint_kinds,
-    lengths,
 )
 from impactlaw.scene.friction_rows import active_friction
 from impactlaw.scene.joint_limits import Limits, joined
@@ -178,11 +174,8 @@ class Collisions:
     ) -> tuple[Closed, np.ndarray]:
         """Return the contacts that equality constraints do not tie, with constraints to be kept, and velocities."""
         model = self._model
-        ties = bilateral_rows(model, data, constraint_kinds(model) == TYING)
-        if ties is not None:
-            between = closed.contacts.geoms[:, 0] >= 0
-            free = np.flatnonzero(~(between & are_tied(closed.jacobian, ties, lengths(model))))
-            closed, gamma = closed.select(free), gamma[free]
+        free = np.flatnonzero(~kept.tie(closed.contacts))
+        closed, gamma = closed.select(free), gamma[free]
         constraints = bilateral_rows(model, data, self.bilateral, calm=kept.calm(closed.jacobian, gamma))
         if constraints is not None:
             limits = closed.contacts.geoms[:, 0] < 0

@@ -8,9 +8,12 @@ import mujoco
 import numpy as np
 
 from impactlaw.mechanics.impact import Impact
-from impactlaw.scene.equality_constraints import CALM, RESTING
+from impactlaw.scene.contacts import Contacts, acted_on
+from impactlaw.scene.equality_constraints import CALM, RESTING, constraint_kinds, lengths
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.soft.tolerances import DRAGGED, GAINED
+
+_PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 
 
 class Constraints:
@@ -25,12 +28,23 @@ class Constraints:
         # numba is not loaded before it is used
         from impactlaw.stepping.compiled.dense import sparse_jacobian
         from impactlaw.stepping.compiled.islands import joined_trees, trees_of_rows
+        from impactlaw.stepping.compiled.ties import tied_contacts
 
         jacobian, trees = sparse_jacobian(model, data), model.dof_treeid
         island = joined_trees(data.efc_type, data.efc_id, *jacobian, trees, model.ntree)
         self._island, self._of_row = island[trees], trees_of_rows(*jacobian, trees, data.ne)
         self._of_row[self._of_row >= 0] = island[self._of_row[self._of_row >= 0]]
         self._driven = np.zeros(model.ntree, dtype=bool)
+        address, kinds = np.ascontiguousarray(data.contact.efc_address), constraint_kinds(model)
+        paired = (data.contact.dim > 1) & (model.opt.cone == _PYRAMIDAL)
+        tied = tied_contacts(data.efc_type, data.efc_id, kinds, *jacobian, lengths(model), address, paired)
+        self._tied = tied[acted_on(data)]
+
+    def tie(self, contacts: Contacts) -> np.ndarray:
+        """Return which contacts are tied, bool (h,), see `stepping.compiled.ties`; no limits are."""
+        tied = np.zeros(len(contacts), dtype=bool)
+        tied[contacts.geoms[:, 0] >= 0] = self._tied
+        return tied
 
     def calm(self, jacobian: np.ndarray, gamma: np.ndarray) -> np.ndarray:
         """Return how fast rows may move against themselves and keep that in a collision, m/s or rad/s, (ne,).

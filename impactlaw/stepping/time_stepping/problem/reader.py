@@ -49,8 +49,9 @@ class RowReader:
             address = data.contact.efc_address
             jacobian = sparse_jacobian(self._model, data)
             tied = tied_contacts(
-                data.efc_type, data.efc_id, self._constraints, *jacobian, self._lengths, np.ascontiguousarray(address)
-            )
+                data.efc_type, data.efc_id, self._constraints, *jacobian, self._lengths, np.ascontiguousarray(address),
+                np.zeros(len(address), dtype=bool),
+            )  # fmt: skip
             near[address[tied]] = False
         return near
 
