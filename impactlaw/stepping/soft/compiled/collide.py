@@ -53,10 +53,11 @@ from impactlaw.stepping.soft.tolerances import GAINED, OPENING, ROUNDING
 
 Array = np.ndarray[Any, Any]
 
-COUNT, ENERGY, INTENSITY, DISTANT, SCALED, LAST, SHORT = 0, 1, 2, 3, 4, 5, 6
+COUNT, ENERGY, INTENSITY, DISTANT, SCALED, LAST, SHORT, WORK = 0, 1, 2, 3, 4, 5, 6, 7
 """Places in the sums over collisions: their number, T+ - T-, |v+ - v-|, those with a distant effect, those whose
-restitution was scaled, those that ended the matter, and whether some of them have lost all restitution."""
-SUMS = 7
+restitution was scaled, those that ended the matter, whether some of them have lost all restitution, and what equality
+constraints that had drifted did of T+ - T-."""
+SUMS = 8
 """Numbers of these sums."""
 
 _OPPOSED = -2  # how one has ended that leaves S(v-) with contacts that tremble
@@ -183,8 +184,8 @@ def _resolve(w, law, found, gamma, calm, islands, rounding, opening, last, veloc
         return PYTHON
     if share < 1.0 and trembles:
         return _OPPOSED
-    changed = norm(z)
-    distant = work_of_each(rows, members, x, z, before, SIGNIFICANT * speed, numbers(len(members)))
+    changed, done = norm(z), numbers(len(members))
+    distant = work_of_each(rows, members, x, z, before, SIGNIFICANT * speed, done)
     gained = dot(v, FIRST, z, FIRST, w.nv) + 0.5 * changed * changed
     if kept > 0 and _some_driven(w, v, z, islands):
         return _DRIVEN
@@ -193,6 +194,8 @@ def _resolve(w, law, found, gamma, calm, islands, rounding, opening, last, veloc
     sums[INTENSITY] += changed
     sums[DISTANT] += distant
     sums[SCALED] += share < 1.0
+    if kept > 0:
+        sums[WORK] += gained - done.sum()
     if share == 0.0:
         sums[SHORT] = 1.0
     unwhitened(z, factor, Mnnz, Madr, Mcol, root, v)

@@ -88,8 +88,8 @@ def _(law: _Known) -> Law:
 
 def sums_in(found: Iterable[float]) -> ImpactSums:
     """Return the sums that compiled steps have found."""
-    count, energy, intensity, distant, scaled, *_ = found
-    return ImpactSums(int(count), energy, 0.0, intensity, int(distant), int(scaled))
+    count, energy, intensity, distant, scaled, _, _, work = found
+    return ImpactSums(int(count), energy, work, intensity, int(distant), int(scaled))
 
 
 class Teller:
