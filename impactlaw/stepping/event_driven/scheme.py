@@ -63,6 +63,7 @@ _DEEP = 1e3  # largest overlap of held contacts, in gap tolerances
 _OPENING = 0.15  # part of the work of a step that opening slight overlaps may take
 _SLIGHT = 1e6  # largest overlap left by time stepping that is opened at once, in gap tolerances
 _FAR = 1e3  # largest distance by which bodies may be moved to open an overlap, in depths of the overlap
+_GAINED = 0.02  # energy that the drift of constraints may add to a collision, relative to that of its velocity jump
 _MANY = 0.5  # part of max_events above which collisions count as many, if the step cannot be finished
 _ENDED = 1e-6  # part of the kinetic energy that E = 0 may take after max_events collisions
 _UNFINISHED = DivergenceError, SolverError, UnfinishedStepError, UnsolvableLawError, np.linalg.LinAlgError
@@ -325,8 +326,18 @@ class RigidStepping:
             events=events,
             work=self._work,
         )
+        self._check_driven(events[before:])
         self._check_ended(data, events[before:], len(events))
         return start.moving()
+
+    def _check_driven(self, new: list[ImpactEvent]) -> None:
+        """Raise `UnfinishedStepError` where the drift of equality constraints, slow as it is, drives a collision."""
+        for event in new if self._rest is not None else ():
+            impact, known = event.impact, event.impact.collision
+            if known.bilateral_jacobian is None or known.surface_velocity is not None:
+                continue
+            if impact.energy_change > 0.5 * _GAINED * impact.intensity**2:
+                raise UnfinishedStepError("equality constraints drive bodies into each other")
 
     def _check_calm(self, start: ContactState) -> None:
         """Raise `UnfinishedStepError` if constraints drift too fast next to a collision: they are giving way."""
