@@ -1,7 +1,7 @@
 """Audit what your own simulator makes of a collision: is it possible at all, and if not, what is wrong with it?
 
-The set S of possible outcomes is the judge. Three balls touch, and the first one is launched. The outcomes are those of
-MuJoCo's contacts, of sequential impulses stopped after two sweeps, one that pulls, and one with a sign error.
+One sees the set S of possible outcomes judge. Three balls touch, and the first one is launched. The outcomes are those
+of MuJoCo's contacts, of sequential impulses stopped after two sweeps, one that pulls, and one with a sign error.
 """
 
 import mujoco

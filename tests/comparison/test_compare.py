@@ -150,7 +150,7 @@ def test_the_restitution_is_that_of_every_law_that_takes_one(tmp_path):
 def test_the_help_names_the_laws_that_run():
     text = inspect.getsource(Comparison)  # whose fields are the options of the command
     assert issubclass(Compare, Comparison)
-    assert "maximal-dissipation, moreau, reversal, and scene where" in text
+    assert "maximal-dissipation, moreau, reversal, and scene if" in text
     assert DEFAULT_LAWS == ("maximal-dissipation", "moreau", "scene", "reversal")
 
 
