@@ -21,8 +21,8 @@ from impactlaw.recording import Recorder
 def test_a_robot_that_moves_in_a_plane(tmp_path, contact_model):
     """No impulse moves it out of the plane, so these rows of friction are zero. Joint limits have no friction.
 
-    In this episode no foot rises while it still touches and another contact collides: steppers aim at 0 for such a foot,
-    the families of laws below it.
+    In this episode no foot rises while it still touches and another contact collides. Steppers aim at 0 for such a
+    foot, the families of laws below 0.
     """
     env = ImpactLaw(
         gymnasium.make("HalfCheetah-v5"), "moreau", 0.5, contact_model=contact_model, log=tmp_path / "run.rrd"
