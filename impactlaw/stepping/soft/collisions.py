@@ -38,12 +38,12 @@ from impactlaw.stepping.work import Work
 POSITION, VELOCITY = int(mujoco.mjtStage.mjSTAGE_POS), int(mujoco.mjtStage.mjSTAGE_VEL)
 """MuJoCo's stages."""
 NOTHING: tuple[tuple[ImpactEvent, ...], int] = (), VELOCITY
-"""What `Collisions.resolve` returns where nothing collides."""
+"""The result of `Collisions.resolve` without a collision."""
 _UNSOLVED = SolverError, UnsolvableLawError, UnfinishedStepError
 
 
 class _Resolved(NamedTuple):
-    """Collisions, the velocity after them, None if there were none, and whether they lost restitution."""
+    """The velocity after collisions, None if none was found, the collisions, and whether they lost restitution."""
 
     velocity: np.ndarray | None
     events: list[ImpactEvent]
@@ -54,17 +54,18 @@ class Collisions:
     """Resolves the contacts and limits that MuJoCo's solver acts on and that close faster than `rest_speed`.
 
     Attributes:
-        collider: resolves them.
-        rest_speed: m/s or rad/s.
+        collider: computes the velocity after collisions.
+        rest_speed: closing speed above which a contact collides, m/s or rad/s.
         friction: whether contacts have friction in collisions.
-        chosen: the contacts that the law is for; None for all.
+        chosen: the contacts to which the law applies; None for all.
         surfaces: moving mocap bodies and belts; None if there are none.
-        names: of geoms.
-        limits: of joints and tendons.
-        bilateral: which equality constraints collisions keep, bool (neq,).
-        unlocated: times so far that there were more collisions one after another than the collider may take.
-        short_steps: times so far that friction left no solution, or took too much work: collisions had no restitution,
-            or, if that had none either, MuJoCo's contacts were left alone.
+        names: names of geoms.
+        limits: the limits of joints and tendons.
+        bilateral: which equality constraints keep their velocity in a collision, bool (neq,).
+        unlocated: number of times so far that there were more successive collisions than the collider allows.
+        short_steps: number of times so far that collisions lost their restitution, since with friction or constraints
+            there was no solution with it or finding one took too much work, or that they were left to MuJoCo's
+            contacts, since there was none without restitution either.
     """
 
     def __init__(
@@ -79,9 +80,9 @@ class Collisions:
         self._work = Work(model.nv, WORK, rounds=THOROUGH, once=True)
 
     def resolve(self, data: mujoco.MjData) -> tuple[tuple[ImpactEvent, ...], int]:
-        """Let the law change the velocity; return the collisions and the last stage that is still current.
+        """Change the velocity by the law; return the collisions and MuJoCo's last stage that is still current.
 
-        Where MuJoCo's contacts would push beside it, positions change, too, see `since_closed`.
+        Positions change, too, if MuJoCo's force would push a contact that the law opens, see `since_closed`.
         """
         rows, speed, surfaces = data.efc_vel, self.rest_speed, self.surfaces
         still = surfaces is None or surfaces.still
@@ -89,7 +90,7 @@ class Collisions:
             not len(rows) or not rows.item(rows.argmin()) < -speed or not closes(self._model, data, rows, speed)
         ):
             return NOTHING
-        if is_huge(data):  # MuJoCo says so itself when it next looks
+        if is_huge(data):  # MuJoCo's next check reports it
             return NOTHING
         if still and self._is_too_much(data):
             self.short_steps += 1
@@ -125,7 +126,7 @@ class Collisions:
     def _resolved(
         self, data: mujoco.MjData, closed: Closed, gamma: np.ndarray, constraints: Constraints | None
     ) -> _Resolved:
-        """Resolve the collisions, those in which constraints that are not giving way keep their velocity."""
+        """Resolve the collisions; equality constraints that do not give way keep their velocity in them."""
         if constraints is not None:
             closed, gamma = self._constrained(data, closed, gamma, constraints)
             if not np.count_nonzero(gamma < -self.rest_speed):
@@ -147,7 +148,7 @@ class Collisions:
             return _Resolved(velocity, events, is_short=True)
 
     def _is_too_much(self, data: mujoco.MjData) -> bool:
-        """Return whether the inertia of all bodies alone would take more work, with friction, than collisions may."""
+        """Return whether collisions with friction would exceed the allowed work by the inertia of all bodies alone."""
         if not self.friction or not isinstance(self.collider.law, Coulomb) or not (data.contact.dim > 1).any():
             return False
         self._work.begin()
@@ -159,11 +160,11 @@ class Collisions:
 
     @staticmethod
     def bounces(data: mujoco.MjData) -> bool:
-        """Return whether a contact would throw back what collides by itself; see `rebounds`."""
+        """Return whether a contact is a spring that would throw bodies back by itself; see `rebounds`."""
         return bounces(data)
 
     def hold_back(self, data: mujoco.MjData) -> bool:
-        """Let none of the law's contacts do that; return whether one would."""
+        """Prevent this for the contacts to which the law applies; return whether one of them would have bounced."""
         return hold_back(
             self._model, data, self.names, self.limits,
             rest_speed=self.rest_speed, chosen=self.chosen, surfaces=self.surfaces,
@@ -172,7 +173,10 @@ class Collisions:
     def _constrained(
         self, data: mujoco.MjData, closed: Closed, gamma: np.ndarray, kept: Constraints
     ) -> tuple[Closed, np.ndarray]:
-        """Return the contacts that equality constraints do not tie, with constraints to be kept, and velocities."""
+        """Return the contacts that take part, with the constraints that keep their velocity, and contact velocities.
+
+        Contacts that equality constraints tie do not take part, nor do limits that only their drift closes.
+        """
         model = self._model
         free = np.flatnonzero(~kept.tie(closed.contacts))
         closed, gamma = closed.select(free), gamma[free]
@@ -204,7 +208,7 @@ class Collisions:
         )
 
     def _metric(self, data: mujoco.MjData) -> KineticMetric:
-        """Return the kinetic metric; joints that damping all but locks have the inertia with which they are moved."""
+        """Return the kinetic metric; joints that damping all but locks have the integrator's inertia ``M + h D``."""
         metric, added = kinetic_metric(self._model, data), joint_inertia(self._model)
         locked = locked_joints(self._model, added, LOCKED)
         if added is None or locked is None:
@@ -214,10 +218,12 @@ class Collisions:
     def _without_restitution(
         self, data: mujoco.MjData, closed: Closed, gamma: np.ndarray, events: list[ImpactEvent]
     ) -> np.ndarray | None:
-        """Return what `_collide` does without restitution; None where friction or constraints lock bodies even so.
+        """Return the velocity after the collisions without restitution, (nv,), and append these.
 
-        Collisions one after another are others with restitution than without: one of them can have no solution, though
-        each of those without restitution has one.
+        It is None if the law has no restitution anyway, or if friction or constraints jam bodies even without it.
+
+        Successive collisions with restitution are not the same as those without: one of the former can have no solution
+        although each of the latter has one.
         """
         law, last = self.collider.law, self.collider.last_law
         if _is_same(law, last):
@@ -247,12 +253,12 @@ class Collisions:
 
 
 def _has_lost_restitution(impact: Impact) -> bool:
-    """Return whether friction has left no impulses, or none that were found, but those without restitution."""
+    """Return whether impulses with friction exist, or were found, only without restitution."""
     return isinstance(impact, FrictionImpact) and impact.restitution_scale == 0.0
 
 
 def _is_same(law: Law, last: Law) -> bool:
-    """Return whether a law is that without restitution by another name."""
+    """Return whether a law is the same as the one without restitution, `last`."""
     if law.normal_law.common_coefficient != 0.0 or isinstance(law, Coulomb) != isinstance(last, Coulomb):
         return False
     return not (isinstance(law, Coulomb) and isinstance(last, Coulomb)) or replace(law, law=last.law) == last

@@ -1,4 +1,4 @@
-"""Limits that close because equality constraints give way, not by a motion that these allow."""
+"""Limits that close because equality constraints drift, not by a motion that the constraints allow."""
 
 from __future__ import annotations
 
@@ -11,11 +11,18 @@ from impactlaw.scene.equality_constraints import CALM, DRIFT, HELD_BY_DRIFT
 
 
 def drifting(metric: KineticMetric, gradients: np.ndarray, constraints: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-    """Return of which gap gradients, (h, nv), constraints, (m, nv), leave little, and give way themselves, bool (h,).
+    """Return which gaps close because equality constraints drift, bool (h,).
 
-    Such a gap closes because constraints drift, not by a motion that they allow: to open it, that motion would have to
-    make up for the drift, divided by the little that is left. A drift that is nothing next to the contacts that this
-    motion reaches is not one: there a limit at rest holds what drives it.
+    The constraints leave only a small remainder of the gradient of such a gap. To open the gap, the motion that they
+    allow would have to make up for the drift, divided by this remainder. A drift that is negligible next to the
+    velocities of the contacts that this motion reaches does not count: there the limit is at rest, and stops the bodies
+    that load it.
+
+    Args:
+        metric: the kinetic metric.
+        gradients: gap gradients, (h, nv).
+        constraints: gradients of the constraints that keep their velocity, (m, nv).
+        velocity: the velocity before the collision, (nv,).
     """
     whitened, at = metric.whiten_gradients(gradients), metric.whiten(velocity)
     left = Bilateral.of(metric.whiten_gradients(constraints)).project(whitened)

@@ -1,4 +1,4 @@
-"""Collisions that draw their energy out of what gives way, or out of surfaces between which bodies jam."""
+"""Collisions that draw energy out of constraints that give way, or out of surfaces between which bodies jam."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 
 
 class Constraints:
-    """Equality constraints next to the collisions of their own islands, and which islands these constraints drive.
+    """The equality constraints of a step: which of them keep their velocity in collisions, and which islands they drive.
 
     Args:
         model: the scene.
-        data: rows current.
+        data: the state, with current rows.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData):
@@ -41,19 +41,21 @@ class Constraints:
         self._tied = tied[acted_on(data)]
 
     def tie(self, contacts: Contacts) -> np.ndarray:
-        """Return which contacts are tied, bool (h,), see `stepping.compiled.ties`; no limits are."""
+        """Return which contacts constraints tie, bool (h,), see `stepping.compiled.ties`; limits are never tied."""
         tied = np.zeros(len(contacts), dtype=bool)
         tied[contacts.geoms[:, 0] >= 0] = self._tied
         return tied
 
     def calm(self, jacobian: np.ndarray, gamma: np.ndarray) -> np.ndarray:
-        """Return how fast rows may move against themselves and keep that in a collision, m/s or rad/s, (ne,).
+        """Return the speed up to which each constraint row keeps its velocity in a collision, m/s or rad/s, (ne,).
+
+        It is a part of the largest closing speed in the island of the row; faster rows are giving way.
 
         Args:
-            jacobian: of contacts, (h, nv).
-            gamma: their velocities, (h,).
+            jacobian: gap gradients of the contacts, (h, nv).
+            gamma: contact velocities, (h,).
         """
-        fastest = np.zeros(len(self._driven) + 1)  # the last one is for rows that move nothing
+        fastest = np.zeros(len(self._driven) + 1)  # the last entry is for rows that move no body
         moves = jacobian.any(axis=1)
         where = self._island[(jacobian[moves] != 0.0).argmax(axis=1)]
         np.maximum.at(fastest, where, -gamma[moves])
@@ -62,7 +64,8 @@ class Constraints:
     def drive(self, events: list[ImpactEvent]) -> np.ndarray:
         """Return in which islands constraints that give way have driven bodies into each other, bool (ntree,).
 
-        There a part of the energy is theirs. Islands that have been found before are left out.
+        There collisions gain more than a part `GAINED` of the energy of their velocity jump. Islands that were found
+        before are left out.
         """
         found = np.zeros(len(self._driven), dtype=bool)
         for event in events:
@@ -76,16 +79,16 @@ class Constraints:
         return found & ~self._driven
 
     def give_way(self, islands: np.ndarray) -> None:
-        """Let constraints of islands, bool (ntree,), that move at all not take part in collisions."""
+        """From now on, leave constraints of these islands, bool (ntree,), out of collisions if they move at all."""
         self._driven |= islands
 
 
 def is_dragged(impact: Impact, mass: float) -> bool:
-    """Return whether surfaces that move against each other have thrown what jams between them.
+    """Return whether surfaces that move against each other have thrown bodies that jam between them.
 
-    In the frame of one moving surface a collision creates no energy, so that it makes a mass m, which follows it with
-    w, no faster than ``|v+| <= |v-| + 2 w sqrt(m)``. Out of a jam between two, as between a belt and a deck that
-    rests, any energy can come.
+    In the frame of a single moving surface a collision creates no energy. A mass m that follows the surface with
+    velocity w is therefore at most as fast as ``|v+| <= |v-| + 2 w sqrt(m)`` in the kinetic metric. A jam between two
+    surfaces, such as a belt and a deck at rest, can supply any energy.
 
     Args:
         impact: the collision.

@@ -1,4 +1,4 @@
-"""RK4 of soft steps that end in a collision: its stages are not to feel a contact before it is there."""
+"""RK4 for soft steps that end in a collision: its stages must not feel a contact that is not closed yet."""
 
 from __future__ import annotations
 
@@ -13,34 +13,34 @@ NO_CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit
 
 
 def keep_start(data: mujoco.MjData, *, touches: bool) -> tuple[np.ndarray, ...]:
-    """Return what `look_not_ahead` reads of what `mj_forward` has found, besides the state."""
+    """Return the results of `mj_forward` that `look_not_ahead` reads, besides the state."""
     if touches or mujoco.get_mjcb_control() is not None:
         return tuple(getattr(data, name).copy() for name in _READ)
     return data.qacc.copy(), data.act_dot.copy()
 
 
 def put_start(data: mujoco.MjData, start: tuple[np.ndarray, ...]) -> None:
-    """Let `look_not_ahead` go on from there; only if `is_plain`."""
+    """Write the results of `keep_start` into data, for `look_not_ahead`; this suffices only if `is_plain`."""
     for name, value in zip(_READ, start, strict=False):
         getattr(data, name)[:] = value
 
 
 def is_plain(model: mujoco.MjModel) -> bool:
-    """Return whether integrators read no more than that: no sensors with a history, no plugins, no trees that sleep."""
+    """Return whether integrators read only these results: no histories of sensors, no plugins, no sleeping trees."""
     return not (model.nhistory or model.nplugin or model.opt.enableflags & SLEEP)
 
 
 def look_not_ahead(model: mujoco.MjModel, data: mujoco.MjData, *, touches: bool) -> None:
-    """Do what RK4 does after `mj_forward`, but let no contact act that does not at the start.
+    """Advance as RK4 does after `mj_forward`, but without contacts that do not act at the start of the step.
 
-    Its stages would take up to half of the speed that the law is to reverse. Where nothing touches at the start, no
-    contact acts in them. Else this is Euler, whose forces are those of the start; so it is with a control callback,
-    which RK4 would call again.
+    In the stages of RK4 such contacts would take up to half of the speed that the law is to reverse. If no contact
+    touches at the start, contacts and limits are disabled in the stages. Otherwise Euler takes the step, whose forces
+    are those of the start; so it does with a control callback, which RK4 would call again.
 
     Args:
         model: the scene.
-        data: after `mj_forward`.
-        touches: whether something touches.
+        data: the state after `mj_forward`.
+        touches: whether a contact or limit touches at the start.
     """
     if touches or mujoco.get_mjcb_control() is not None:
         mujoco.mj_Euler(model, data)

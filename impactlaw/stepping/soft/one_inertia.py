@@ -1,10 +1,10 @@
-"""Joints that damping all but locks: contact acts on the inertia with which the step moves them.
+"""Joints that damping all but locks: contact acts on the inertia ``M + h D`` with which the step moves them.
 
-MuJoCo's semi-implicit integrators advance by ``(M + h D)^-1``, but its contacts push on M: against the whole of a
-damping force, of which the step then takes ``1 / (1 + h D / M)``. What is left of that push throws bodies apart, most
-after a collision, which such a joint leaves fast. With ``M + h D`` in collisions and in forces of contact the free
-motion is the same, and contact gets the acceleration that it asks for. That is what MuJoCo's integrator "discrete" does
-for all that damps.
+MuJoCo's semi-implicit integrators advance by ``(M + h D)^-1``, but its contact forces are computed with M. They balance
+the whole damping force, of which the step then takes only the part ``1 / (1 + h D / M)``; the rest of the contact force
+throws bodies apart, most of all after a collision, which such a joint leaves fast. With ``M + h D`` in collisions and
+in contact forces the free motion stays the same, and contacts get the acceleration that they ask for. MuJoCo's
+integrator "discrete" does the same for all kinds of damping.
 """
 
 from __future__ import annotations
@@ -23,10 +23,11 @@ _DISCRETE = int(mujoco.mjtIntegrator.mjINT_DISCRETE)
 
 
 def added_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray | None:
-    """Return h D of such joints, 0 of others, (nv,), to be added to M while forces are found; None if nothing is.
+    """Return h D for such joints and 0 for others, (nv,), to be added to M while forces are computed, or None.
 
-    That is so where nothing touches, no joint is damped that much, the integrator is "discrete", or forces are found
-    from what MuJoCo has made of M before: by its solver PGS, or in iterations without slip.
+    It is None if no contact or limit touches, if no joint is damped that much, with the integrator "discrete", and if
+    MuJoCo computes forces from results that it has derived from M before: with its solver PGS, or with
+    ``noslip_iterations``.
     """
     options = model.opt
     other = options.solver == _PGS or options.noslip_iterations > 0 or options.integrator == _DISCRETE
@@ -37,7 +38,7 @@ def added_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray | No
 
 @contextmanager
 def one_inertia(model: mujoco.MjModel, data: mujoco.MjData, added: np.ndarray) -> Iterator[None]:
-    """Let the mass matrix of data, and its factor, be those of M with what is added to its diagonal, (nv,)."""
+    """Add `added`, (nv,), to the diagonal of the mass matrix of data within the context, and factorize it again."""
     kept = data.M.copy(), data.qLD.copy(), data.qLDiagInv.copy()
     data.M[model.M_rowadr + model.M_rownnz - 1] += added
     mujoco.mj_factorM(model, data)

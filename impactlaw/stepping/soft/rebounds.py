@@ -1,10 +1,11 @@
-"""MuJoCo's contacts that bounce by themselves, next to a law that decides how what collides leaves.
+"""Contacts of MuJoCo that bounce by themselves, beside a law that decides how colliding bodies separate.
 
-A contact with a damping ratio below 1 is a spring that throws back what has sunk in: MuJoCo's way to a restitution. A
-collision is seen after it has sunk in, so that this spring would add its rebound to the velocity of the law. So such a
-contact may not push what does not close to more than ``rest_speed``: where MuJoCo's solver would, the reference
-acceleration is cut down to that, at most to its damping alone. A contact that is pressed, as in a grip, moves nothing
-and is left alone. Limits of joints and tendons are contacts here, too.
+A contact with a damping ratio below 1 is a spring that throws back bodies that have sunk in; this is how MuJoCo models
+restitution. A collision is detected after bodies have sunk in, so that the spring would add its rebound to the velocity
+that the law gives. A contact of this kind that does not close may therefore push bodies apart to at most
+``rest_speed``. If MuJoCo's solver would push harder, the reference acceleration is reduced accordingly, but at most by
+the part of the spring, so that the damping stays. A contact under load, as in a grip, moves no body and is left alone.
+Limits of joints and tendons count as contacts here.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 
 
 def bounces(data: mujoco.MjData) -> bool:
-    """Return whether a contact or limit that MuJoCo's solver acts on is a spring that its damping does not quiet."""
+    """Return whether a contact or limit that MuJoCo's solver acts on is an underdamped spring."""
     first = data.ne + data.nf
     if data.nefc == first:
         return False
@@ -40,18 +41,18 @@ def hold_back(
     chosen: Chosen | None,
     surfaces: Surfaces | None,
 ) -> bool:
-    """Cut down reference accelerations, ``data.efc_aref``, by what would be such a rebound; return whether any is.
+    """Reduce the reference accelerations ``data.efc_aref`` of contacts that would rebound; return whether any is.
 
-    Velocities of the rows and the accelerations without this must be current. A contact alone with impedance d has
-    ``a = d aref + (1 - d) a0``, with its acceleration a, and a0 without it.
+    The velocities of the rows, and the accelerations without this reduction, must be current. A single contact with
+    impedance d has the acceleration ``a = d aref + (1 - d) a0``, where a0 is its acceleration without contact force.
 
     Args:
         model: the scene.
         data: its state.
-        names: of geoms.
-        limits: of joints and tendons.
-        rest_speed: speed to which these contacts may push, m/s or rad/s.
-        chosen: the contacts that the law is for; None for all.
+        names: names of geoms.
+        limits: the limits of joints and tendons.
+        rest_speed: largest speed to which these contacts may push, m/s or rad/s.
+        chosen: the contacts to which the law applies; None for all.
         surfaces: moving mocap bodies; None if there are none.
     """
     rows, labels, drift = normals(model, data, names, limits, surfaces)
@@ -75,7 +76,7 @@ def hold_back(
 def normals(
     model: mujoco.MjModel, data: mujoco.MjData, names: tuple[str, ...], limits: Limits, surfaces: Surfaces | None
 ) -> tuple[np.ndarray, tuple[str, ...], np.ndarray]:
-    """Return the first rows, the labels and the drifts of all limits and contacts that MuJoCo's solver acts on."""
+    """Return the first row, label and surface velocity of each limit and contact that MuJoCo's solver acts on."""
     first, found = data.ne + data.nf, data.contact
     limit_rows = np.arange(first, first + data.nl)
     labels = tuple(limits.labels[limits.code(data, row)] for row in limit_rows.tolist())
@@ -93,7 +94,7 @@ def normals(
 
 
 def are_pairs(model: mujoco.MjModel, data: mujoco.MjData, rows: np.ndarray) -> np.ndarray:
-    """Return whether rows are the first ones of pyramids, the mean of whose first two is the normal."""
+    """Return which of these first rows begin a pyramid, bool; its normal is the mean of its first two rows."""
     pairs = np.zeros(len(rows), dtype=bool)
     if model.opt.cone == _PYRAMIDAL and data.ncon:
         pairs[data.nl :] = data.contact.dim[data.efc_id[rows[data.nl :]]] > 1

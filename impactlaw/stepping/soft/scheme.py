@@ -1,24 +1,25 @@
 """Soft stepping: MuJoCo keeps contact and friction, the law takes over collisions.
 
-A collision is a contact that MuJoCo's solver acts on and that closes faster than ``rest_speed`` at the start of a
-step; limits of joints and tendons, at rad/s or m/s, are contacts too. The law then gives the velocity that MuJoCo
-integrates from; equality constraints keep their velocity. Contacts have the friction of the scene in a collision,
-unless the stepper was made with ``friction="ignore"``.
+A contact collides if MuJoCo's solver acts on it and it closes faster than ``rest_speed`` at the start of a step; limits
+of joints and tendons, at rad/s or m/s, count as contacts. MuJoCo then integrates from the velocity that the law gives;
+equality constraints keep their velocity. Contacts have the friction of the scene in a collision, unless the stepper was
+made with ``friction="ignore"``.
 
-A step without a collision is `mj_step`, bit for bit, unless a contact would throw back by itself what the law has let
-go (`rebounds`), or something touches where damping all but locks a joint (`one_inertia`). What else MuJoCo's contacts
-do between collisions is theirs, and a contact that first touches inside of a step is seen at its end, up to one step
-too deep.
+A step without a collision is `mj_step`, bit for bit, with two exceptions: a contact would throw bodies back by itself
+after the law has opened it (`rebounds`), or a contact touches while damping all but locks a joint (`one_inertia`). In
+all other respects MuJoCo's contacts act between collisions as they do in `mj_step`. A contact that first closes within
+a step is detected at its end, up to one step too deep.
 
-Where its contact would push what the law lets go, positions change with the velocity (`since_closed`).
+If MuJoCo's force would push a contact that the law opens, positions change with the velocity (`since_closed`).
 
-MuJoCo gives mocap bodies no velocity. The law does, from their motion (`Surfaces`): ``gamma = J v + w``
-decides what collides and how. Between collisions MuJoCo's contacts meet them at rest, where they are at the end of the
-step.
+MuJoCo gives mocap bodies no velocity. Soft stepping computes one from their motion (`Surfaces`): ``gamma = J v + w``
+decides which contacts collide, and how. Between collisions MuJoCo's contacts treat mocap bodies as if they were at rest
+where they are at the end of the step.
 
-RK4's stages look ahead, which would take from what the law is to reverse. Where the last stage has met new contacts, or
-one between had more of them, which can have kept the last one away, the step is tried again without them
-(`look_not_ahead`); if there is a collision at the end of that, the law resolves it there, and that is the step.
+The stages of RK4 look ahead: a contact that they meet would take part of the velocity that the law is to reverse. If
+the last stage has met new contacts, or a stage before it had more contacts, which can have kept the last one away, the
+step is tried again without them (`look_not_ahead`). If that trial ends in a collision, the law resolves it there, and
+the trial is the step.
 """
 
 from __future__ import annotations
@@ -66,8 +67,8 @@ class SoftStepping:
     """The algorithm behind ``Stepper(contact_model="soft")``; see there for the options.
 
     Attributes:
-        collisions: resolves them.
-        collides: whether anything can collide.
+        collisions: finds and resolves the collisions.
+        collides: whether the scene can have collisions at all.
     """
 
     def __init__(
@@ -88,7 +89,7 @@ class SoftStepping:
         self._trial: mujoco.MjData | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out the options, which are part of the model."""
+        """Return the attributes without the options, which are part of the model."""
         return self.__dict__ | {"_options": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -103,17 +104,17 @@ class SoftStepping:
 
     @property
     def unlocated(self) -> int:
-        """Steps so far with more collisions than the collider may take."""
+        """Number of steps so far with more collisions than the collider allows."""
         return self.collisions.unlocated
 
     @property
     def short_steps(self) -> int:
-        """Steps so far that were left without restitution, or to MuJoCo's contacts, see `Collisions`."""
+        """Number of steps so far whose collisions lost restitution or were left to MuJoCo's contacts; `Collisions`."""
         return self.collisions.short_steps
 
     @property
     def only_in_python(self) -> str | None:
-        """Why compiled code does not take these steps, whatever the law is; None if it does."""
+        """The reason why these steps are taken in Python under any law; None if compiled code can take them."""
         if self._surfaces is not None:
             return "mocap bodies that touch others move as surfaces, or belts run"
         if self._model.nflex:
@@ -123,7 +124,7 @@ class SoftStepping:
         return None if self.collisions.collider.solver == "auto" else "a solver was chosen"
 
     def set_law(self, law: Law) -> None:
-        """Let the collisions of the next steps be by another law."""
+        """Use another law for the collisions of the next steps."""
         self.collisions.collider = replace(self.collisions.collider, law=law)
 
     def step(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
@@ -153,10 +154,10 @@ class SoftStepping:
         return events
 
     def finish(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
-        """Do what follows `mj_step1` in a step, and return the collisions.
+        """Take the part of a step that follows `mj_step1`, and return the collisions.
 
-        Without a collision, a rebound or `one_inertia` this is `mj_step2`, bit for bit; but RK4, which that replaces by
-        Euler, stays.
+        Without a collision, a rebound or `one_inertia` this is `mj_step2`, bit for bit, except for RK4: `mj_step2`
+        would replace it by Euler, whereas here RK4 takes the whole step.
 
         Raises:
             DivergenceError: MuJoCo met a state that is not finite, or huge; it resets the simulation then.
@@ -174,7 +175,7 @@ class SoftStepping:
         return events
 
     def _step_from_start(self, data: mujoco.MjData, integrator: int) -> tuple[ImpactEvent, ...]:
-        """Do what `mj_step` does, with the law before the forces."""
+        """Do what `mj_step` does, but apply the law before forces are computed."""
         model, options = self._model, self._options
         if get_mjcb_control() is None or (integrator == _DISCRETE and not options.disableflags & _NO_ACTUATION):
             mj_step1(model, data)
@@ -182,7 +183,7 @@ class SoftStepping:
             self._look(data)
         contacts = data.ncon + data.nl
         events, stage = self.collisions.resolve(data) if contacts else NOTHING
-        contacts = data.ncon + data.nl  # which can be open now
+        contacts = data.ncon + data.nl  # again: positions can have changed
         if integrator == _DISCRETE:  # has no function of its own but mj_step2, which calls no control callback
             self._finish_step(data, stage)
             return events
@@ -218,7 +219,7 @@ class SoftStepping:
             mj_implicit(self._model, data)
 
     def _finish_step(self, data: mujoco.MjData, stage: int) -> None:
-        """Do what follows the velocity stage, which is brought up to date if it is not among those that are."""
+        """Do what follows the velocity stage; first update that, if `stage`, the last current one, is another."""
         model = self._model
         if stage != VELOCITY:
             self._update_velocity(data)
@@ -230,14 +231,14 @@ class SoftStepping:
                 mujoco.mj_compareFwdInv(model, data)
             self._integrate(data)
             return
-        late = self._options.integrator == _DISCRETE  # makes the springs of contacts in mj_step2, not before
+        late = self._options.integrator == _DISCRETE  # computes the springs of contacts only in mj_step2
         if not late and (data.ncon or data.nl) and self.collisions.bounces(data):
             _find_forces(model, data)
             self.collisions.hold_back(data)
         mujoco.mj_step2(model, data)
 
     def _find_forces(self, data: mujoco.MjData, added: np.ndarray) -> bool:
-        """Find forces, and what sensors measure of them, with one inertia; return whether contacts were held back."""
+        """Compute forces and the sensors of forces with `one_inertia`; return whether contacts were held back."""
         with one_inertia(self._model, data, added):
             _find_forces(self._model, data)
             held = self.collisions.bounces(data) and self.collisions.hold_back(data)
@@ -271,14 +272,15 @@ class SoftStepping:
     def _collide_at_end(
         self, data: mujoco.MjData, start: tuple[np.ndarray, ...], *, touches: bool, between: bool
     ) -> tuple[ImpactEvent, ...]:
-        """Take an RK4 step again without its looking ahead, if that ends in a collision that the law changes.
+        """Repeat an RK4 step by `look_not_ahead`; keep the repetition if it ends in a collision that the law changes.
 
-        What its last stage has met is not looked at if something was met ``between``: that can have kept it away.
+        The repetition is left out if no contact that the last stage has met closes. This is not checked if a stage
+        ``between`` has met more contacts, which can have kept bodies away from the last ones.
 
         Args:
-            data: after the step.
-            start: of the step, see `keep_start`.
-            touches: whether something touched there.
+            data: the state after the step.
+            start: see `keep_start`.
+            touches: whether a contact or limit touched at the start of the step.
             between: whether a stage before the last one had more constraint rows.
         """
         model = self._model
@@ -314,16 +316,16 @@ def _update(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 def _find_forces(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Find accelerations, and forces of contact."""
+    """Compute accelerations and contact forces."""
     mujoco.mj_fwdActuation(model, data)
     mujoco.mj_fwdAcceleration(model, data)
     mujoco.mj_fwdConstraint(model, data)
 
 
 def _runge_kutta(model: mujoco.MjModel, data: mujoco.MjData) -> bool:
-    """Advance by RK4; return whether a stage between the first and the last one had more constraint rows than that.
+    """Advance by RK4; return whether an intermediate stage had more constraint rows than the last one.
 
-    MuJoCo's count of the most rows so far tells, and is in the end what it would be.
+    This is read from ``maxuse_efc``, MuJoCo's largest number of rows so far, which gets its right value afterwards.
     """
     so_far, data.maxuse_efc = data.maxuse_efc, 0
     mj_RungeKutta(model, data, 4)
@@ -333,12 +335,12 @@ def _runge_kutta(model: mujoco.MjModel, data: mujoco.MjData) -> bool:
 
 
 def _met(data: mujoco.MjData) -> tuple[bytes, bytes]:
-    """Return what tells contacts apart, and constraint rows."""
+    """Return bytes that identify the current contacts and constraint rows."""
     return data.contact.geom.tobytes(), (8 * data.efc_id + data.efc_type).tobytes()
 
 
 def _refuse_reset(data: mujoco.MjData, time: float, count: int | None) -> None:
-    """Raise DivergenceError if MuJoCo has reset itself, which the time tells, or else the count of bad states."""
+    """Raise DivergenceError if the time, or the count of bad states, shows that MuJoCo has reset itself."""
     if data.time <= time or (count is not None and _bad_states(data) != count):
         raise DivergenceError(f"MuJoCo met a state that is not finite, or huge, in the step after t = {time:g} s")
 

@@ -1,10 +1,10 @@
-"""Contacts that the law opens and that MuJoCo's forces would open faster: bodies are put where that cannot be.
+"""Move colliding bodies where MuJoCo's force would push a contact faster than the law opens it.
 
-A collision is seen after its contact has closed, by up to a timestep. Until the contact is open again MuJoCo's force is
-there beside the law: its friction lifts what slides on, and its spring throws where it is too stiff for the timestep,
-or where the law lets go of little. So bodies that collide are put where they would be if the law had acted when their
-contacts closed: a time tau later, the change of velocity has moved them by ``tau (v+ - v-)``. Such contacts are open
-then. Where MuJoCo's contacts would push nothing, nothing is moved.
+A collision is detected up to a timestep after its contact has closed. Until the contact is open again, MuJoCo's force
+acts beside the law: its friction lifts a body that slides on, and its spring throws the body if it is too stiff for the
+timestep, or if the law opens the contact slowly. Colliding bodies are therefore put where they would be if the law had
+acted when their contacts closed: over the time tau since then, the change of velocity has moved them by
+``tau (v+ - v-)``, and such contacts are open. Bodies that MuJoCo's contacts would not push stay where they are.
 """
 
 from __future__ import annotations
@@ -37,16 +37,16 @@ def put_back(
 ) -> None:
     """Put bodies where they would be if the law had acted when their contacts closed, and update positions.
 
-    The integrator "discrete" has not made the springs of contacts yet, and moves nothing here.
+    With the integrator "discrete" no body is moved, since it computes the springs of contacts only later.
 
     Args:
         model: the scene.
-        data: after the collisions; all but the velocity is that before.
-        before: the velocity before, (nv,).
-        names: of geoms.
-        limits: of joints and tendons.
-        rest_speed: speed above which contacts collide, m/s or rad/s.
-        chosen: the contacts that the law is for; None for all.
+        data: the state with the velocity after the collisions; everything else is still as before them.
+        before: the velocity before the collisions, (nv,).
+        names: names of geoms.
+        limits: the limits of joints and tendons.
+        rest_speed: closing speed above which contacts collide, m/s or rad/s.
+        chosen: the contacts to which the law applies; None for all.
         surfaces: moving mocap bodies; None if there are none.
     """
     if model.opt.integrator == _DISCRETE:
@@ -69,13 +69,13 @@ def put_back(
 
 
 def _push(data: mujoco.MjData, wanted: np.ndarray, row: int, *, is_pair: bool) -> float:
-    """Return how fast a contact alone would be accelerated along its normal; below 0 it pushes nothing, m/s^2.
+    """Return the normal acceleration that a contact by itself asks for, m/s^2; at 0 or less it does not push.
 
     Args:
-        data: its state.
+        data: the state.
         wanted: reference accelerations of MuJoCo's rows, (nefc,).
-        row: the first one of the contact.
-        is_pair: whether it is that of a pyramid.
+        row: first row of the contact.
+        is_pair: whether it begins a pyramid.
     """
     contact = data.efc_id[row]
     if data.efc_type[row] not in _CONES:
@@ -88,7 +88,7 @@ def _push(data: mujoco.MjData, wanted: np.ndarray, row: int, *, is_pair: bool) -
 
 
 def _move(model: mujoco.MjModel, data: mujoco.MjData, change: np.ndarray, rows: np.ndarray, since: np.ndarray) -> None:
-    """Move each island by its change of velocity, (nv,), over the longest time since one of its rows has closed."""
+    """Move each island by its change of velocity, (nv,), times the longest time since one of its rows has closed, s."""
     # numba is not loaded before it is used
     from impactlaw.stepping.compiled.dense import sparse_jacobian
     from impactlaw.stepping.compiled.islands import joined_trees, trees_of_rows
