@@ -17,7 +17,7 @@ _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 
 
 class Constraints:
-    """The equality constraints of a step: which of them keep their velocity in collisions, and which islands they drive.
+    """The equality constraints of a step: which rows keep their velocity in collisions, which islands they drive.
 
     Args:
         model: the scene.

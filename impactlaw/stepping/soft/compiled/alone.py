@@ -1,4 +1,4 @@
-"""One contact alone in compiled code: open, sticking, or sliding along a line, as `friction.single_contact` has it."""
+"""A single contact in compiled code: open, sticking, or sliding along a line, as in `friction.single_contact`."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import numpy as np
 from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.solvers.friction.single_contact import SINGULAR, STEEP
 
-_NO_ROW = 1e-13  # length of a row and velocity, next to the normal's, of a direction in which nothing can move
+_NO_ROW = 1e-13  # length and velocity of a row, relative to the normal's, up to which nothing can move along it
 
 
 @plain
 def _delassus(rows, chosen, n, work, G):
-    """Write ``Y Y^T``, (n, n), of chosen rows to the room of (3, 3); work is zeros, (nv,), before and after."""
+    """Write ``Y Y^T``, (n, n), of chosen rows into G, (3, 3); work is scratch space, zeros before and after, (nv,)."""
     for r in range(n):
         i = chosen[r]
         for a in range(rows.adr[i], rows.adr[i] + rows.nnz[i]):
@@ -28,7 +28,7 @@ def _delassus(rows, chosen, n, work, G):
 
 @plain
 def _choose(rows, first, count, b, chosen):
-    """Write the rows along which something can move; return how many, 0 where one of them is not negligible."""
+    """Write the rows along which bodies can move and return their number; 0 if another row has a velocity."""
     n, normal = 0, 0.0
     for i in range(first, first + count):
         square = 0.0
@@ -45,7 +45,7 @@ def _choose(rows, first, count, b, chosen):
 
 @plain
 def _sticks(G, b, n, L, y):
-    """Write ``-G^-1 b``, (n,), for n up to 3, and G's root L; return whether G is regular and y in the cone."""
+    """Write ``y = -G^-1 b``, n <= 3, and the Cholesky factor L of G; return whether G is regular and y in the cone."""
     for i in range(n):
         for k in range(i + 1):
             s = G[3 * i + k]
@@ -75,7 +75,7 @@ def _sticks(G, b, n, L, y):
 @plain
 def _slides(G, b, y):
     """Write the impulse, (2,), of a contact that slides along a line; return whether it does."""
-    for d in (1.0, -1.0):  # along which it slides
+    for d in (1.0, -1.0):  # direction of sliding
         D = G[0] - d * G[1]
         y[0] = -b[0] / D
         y[1] = -d * y[0]
@@ -86,19 +86,19 @@ def _slides(G, b, y):
 
 @plain
 def solve_alone(rows, first, count, b, chosen, room, x, z):
-    """Write impulses, (n,), and jump, (nv,), of one contact of 3 rows at most; return whether it has a closed form.
+    """Write the impulses and velocity jump of a contact of at most 3 rows; return whether there is a closed form.
 
-    It has none where it slides in a plane, and where friction is so large that there may be several solutions.
+    There is none if it slides in a plane, or if friction is so large that there may be several solutions.
 
     Args:
-        rows: whitened.
-        first: its first row.
-        count: how many.
-        b: velocities less those aimed at, (n,).
-        chosen: room for its rows, int64 (3,).
-        room: for numbers, (24,).
-        x: zeros, (n,).
-        z: zeros, (nv,).
+        rows: the whitened rows.
+        first: first row of the contact.
+        count: number of its rows.
+        b: velocities less the target velocities, (n,).
+        chosen: scratch space for its rows, int64 (3,).
+        room: scratch space, (24,).
+        x: impulses, zeros before, (n,), written.
+        z: velocity jump, zeros before, (nv,), written.
     """
     if b[first] >= 0.0:
         return True

@@ -54,23 +54,24 @@ from impactlaw.stepping.soft.tolerances import GAINED, OPENING, ROUNDING
 Array = np.ndarray[Any, Any]
 
 COUNT, ENERGY, INTENSITY, DISTANT, SCALED, LAST, SHORT, WORK = 0, 1, 2, 3, 4, 5, 6, 7
-"""Places in the sums over collisions: their number, T+ - T-, |v+ - v-|, those with a distant effect, those whose
-restitution was scaled, those that ended the matter, whether some of them have lost all restitution, and what equality
-constraints that had drifted did of T+ - T-."""
+"""Indices of the sums over collisions: their number; T+ - T-; |v+ - v-|; the numbers of collisions with a distant
+effect, with scaled restitution, and with E = 0 after too many collisions; whether a collision has lost all restitution;
+and the part of T+ - T- that is the work of equality constraints that drift."""
 SUMS = 8
-"""Numbers of these sums."""
+"""Number of these sums."""
 
-_OPPOSED = -2  # how one has ended that leaves S(v-) with contacts that tremble
-_DRIVEN = -1  # how a collision has ended that is resolved once more, see `_collide`
+# results of a collision that has to be repeated
+_OPPOSED = -2  # restitution would be scaled, and slowly opening contacts took part: repeat without them
+_DRIVEN = -1  # constraints that give way have driven it: repeat without them, see `_collide`
 
 
 class _Islands(NamedTuple):
-    """Trees of bodies that influence each other; there are none where there are no equality constraints.
+    """Islands of trees that influence each other; the arrays are empty if there are no equality constraints.
 
     Attributes:
-        label: one tree of its island for each tree, int64 (ntree,).
-        driven: whether constraints that give way have driven a collision of the island that this tree stands for, so
-            that those that move at all do not take part, bool (ntree,).
+        label: for each tree the tree that stands for its island, int64 (ntree,).
+        driven: for the tree that stands for an island, whether constraints that give way have driven a collision there;
+            then constraints that move at all do not take part, bool (ntree,).
     """
 
     label: Array
@@ -93,7 +94,7 @@ def _key(w, found, i):
 
 @plain
 def _ask(w, law, found, rows, members, velocity, last, before, restored):
-    """Write velocities of rows, and what restitution adds to them, (n,) each; return whether all e are known."""
+    """Write the fields `before` and `restored` of `Wanted`, (n,) each; return whether each e is known."""
     for g in members:
         i, first = rows.of[g], rows.first[g]
         e = 0.0 if last else law.restitution
@@ -113,7 +114,7 @@ def _ask(w, law, found, rows, members, velocity, last, before, restored):
 
 @kernel
 def _join(w, label):
-    """Write the islands of trees."""
+    """Write `_Islands.label`."""
     n, (nnz, adr, col, val) = number(w, DATA.nefc), jacobian_of(w)
     kinds, numbers_of = data_ints(w, DATA.efc_type, n), data_ints(w, DATA.efc_id, n)
     join_trees(kinds, numbers_of, nnz, adr, col, val, model_ints(w, MODEL.dof_treeid, w.nv), label)
@@ -121,9 +122,9 @@ def _join(w, label):
 
 @kernel
 def _some_driven(w, v, z, islands):
-    """Write in which islands constraints that give way have driven a collision; return whether some are new.
+    """Mark islands in which constraints that give way have driven a collision; return whether there are new ones.
 
-    There a part of the energy is theirs that comes with a change z of the velocity v, whitened, (nv,).
+    There a jump z of the velocity v, both whitened, (nv,), gains more than a part `GAINED` of its energy.
     """
     tree, many, some = model_ints(w, MODEL.dof_treeid, w.nv), len(islands.label), False
     gained, changed = zeros(many), zeros(many)
@@ -143,11 +144,11 @@ def _some_driven(w, v, z, islands):
     )
 )
 def _resolve(w, law, found, gamma, calm, islands, rounding, opening, last, velocity, sums):
-    """Resolve one collision: change the velocity, (nv,), and add to the sums; return how it has ended.
+    """Resolve one collision: change the velocity, (nv,), and add to the sums; return its status.
 
-    The last one is of all contacts, with E = 0. How it has ended is `_DRIVEN` where much of the energy of an island is
-    that of constraints that give way, see `_Islands`, `_OPPOSED` where contacts that open, up to `opening`, take
-    restitution from it.
+    The last collision is of all contacts, with E = 0. The status is `_DRIVEN` if constraints that give way supply much
+    of the energy of an island, see `_Islands`. It is `_OPPOSED` if restitution would be scaled while contacts take part
+    that open, at speeds up to `opening`.
     """
     Mnnz, Madr, Mcol = layout_of(w)
     factor, root = data_floats(w, DATA.qLD, size(w, MODEL.nC)), numbers(w.nv)
@@ -206,7 +207,7 @@ def _resolve(w, law, found, gamma, calm, islands, rounding, opening, last, veloc
 
 @plain
 def _tell(outcomes, velocity):
-    """Write the velocity after a collision, if there is room."""
+    """Write the velocity after a collision into `world.Law.outcomes`, if there is room."""
     n = len(velocity)
     if len(outcomes) > 0:
         at = 1 + np.int64(outcomes[0]) * n
@@ -217,9 +218,9 @@ def _tell(outcomes, velocity):
 
 @plain
 def _find_calm(w, found, gamma, jacobian, islands, calm):
-    """Write how fast constraints may move and keep that in a collision, of each tree, zeros, (ntree,).
+    """Write, for each tree, the speed up to which constraints keep their velocity in a collision, (ntree,).
 
-    That is a share of the fastest contact of the island.
+    It is a part of the speed of the fastest contact of the island. Before, `calm` is zeros.
     """
     (nnz, adr, col, val), tree = jacobian, model_ints(w, MODEL.dof_treeid, w.nv)
     for i in range(len(gamma)):
@@ -227,7 +228,7 @@ def _find_calm(w, found, gamma, jacobian, islands, calm):
         if t >= 0:
             t = islands.label[t]
             calm[t] = max(calm[t], -gamma[i])
-    for t in range(len(calm)):  # the tree that stands for an island is changed by itself
+    for t in range(len(calm)):  # only trees that stand for an island; the others copy it below
         if islands.label[t] == t:
             calm[t] *= RESTING if islands.driven[t] else CALM
     for t in range(len(calm)):
@@ -236,9 +237,9 @@ def _find_calm(w, found, gamma, jacobian, islands, calm):
 
 @kernel
 def _collide(w, law, islands, sums):
-    """Do what `collide` does; constraints that move faster than a share of the fastest contact are giving way.
+    """Do what `collide` does, once; constraints that move faster than a part of the fastest contact are giving way.
 
-    `_DRIVEN` is how it has ended where these have driven a collision in an island in which they had not before.
+    The status is `_DRIVEN` if these have driven a collision in an island in which they had not done so before.
     """
     n, speeds = number(w, DATA.nefc), data_floats(w, DATA.efc_vel, number(w, DATA.nefc))
     found = find(w, law.bilateral)
@@ -283,15 +284,15 @@ def _collide(w, law, islands, sums):
 
 @linked(types.Tuple((types.int64, types.boolean))(WORLD, LAW, FLOATS))
 def collide(w, law, sums):
-    """Resolve the collisions of now; qvel is the velocity after them.
+    """Resolve the current collisions, and write the velocity after them into qvel.
 
     Args:
-        w: the world, velocities of its rows current.
+        w: the world, with current velocities of its rows.
         law: see `world.Law`.
-        sums: over the collisions, zeros, (`SUMS`,), added to.
+        sums: sums over the collisions, zeros before, (`SUMS`,), written.
 
     Returns:
-        How it has ended, and whether qvel is another one.
+        The status, see `world`, and whether qvel has changed.
     """
     n, first = number(w, DATA.nefc), number(w, DATA.ne) + number(w, DATA.nf)
     speeds, lowest = data_floats(w, DATA.efc_vel, n), 0.0

@@ -1,4 +1,4 @@
-"""Where MuJoCo's thread enters compiled code: a C function, and numbers that say where all else is."""
+"""The entry of MuJoCo's thread into compiled code: a C function, and addresses of its inputs."""
 
 from __future__ import annotations
 
@@ -16,34 +16,38 @@ from impactlaw.stepping.soft.compiled.step import advance
 from impactlaw.stepping.soft.compiled.world import CALLBACK, FINE
 
 TOTAL = 3
-"""Where the sums over all steps begin among the numbers."""
+"""Index at which the sums over all steps begin, in the array of `Context.numbers`."""
 
 
 class Context(NamedTuple):
-    """Places in the numbers that the entry is given: addresses, counts, and yes or no.
+    """Indices of the numbers that the entry is given: addresses, numbers of entries, and flags.
 
     Attributes:
-        model: of the scene.
-        data: of the world.
-        trial: other data.
-        table: offsets of fields.
-        numbers: restitution, tangential restitution, rest speed, and the sums over all steps that are taken, written.
-        exact: exact Coulomb friction.
-        frictional: contacts have friction.
-        most: collisions, see `world.Law`.
-        collides: anything can collide.
-        keys: of the law's contacts, and how many.
-        values: their restitution.
-        callbacks: addresses of MuJoCo's callbacks, and how many.
-        steps: to take.
-        states: room for the state at the start of each step, followed by its sums, see `collide`; and how many numbers
-            a state has.
-        status: how the last step has ended, written.
-        taken: steps that are over, written.
-        asked: key of a contact that is not known, written.
-        outcomes: room for outcomes, see `world.Law`, and how many numbers.
-        bilateral: which equality constraints collisions keep, and how many there are; 0 if they keep none.
-        last_exact: exact Coulomb friction in a collision that ends the matter.
+        model: address of the model.
+        data: address of the data of the world.
+        trial: address of other data.
+        table: address of offsets of fields.
+        numbers: address of restitution, tangential restitution, rest speed, and the sums over all steps, written.
+        exact: whether friction is exact Coulomb friction.
+        frictional: whether contacts have friction.
+        most: largest number of collisions, see `world.Law`.
+        collides: whether the scene can have collisions.
+        keys: address of the keys of contacts whose restitution is known.
+        known: number of these keys.
+        values: address of their restitution.
+        callbacks: address of the addresses of MuJoCo's callbacks.
+        callback_count: number of callbacks.
+        steps: number of steps to take.
+        states: address of space for the state at the start of each step, followed by its sums, see `collide`.
+        state_size: number of entries of a state.
+        status: status of the last step, see `world`, written.
+        taken: number of finished steps, written.
+        asked: key of a contact whose restitution is not known, written.
+        outcomes: address of space for outcomes, see `world.Law`.
+        outcome_count: number of entries there.
+        bilateral: address of kinds of equality constraints, see `world.Law`.
+        constraints: number of equality constraints; 0 if collisions keep the velocity of none of them.
+        last_exact: whether friction is exact Coulomb friction in the last collision, see `world.Law`.
     """
 
     model: int = 0
@@ -78,7 +82,7 @@ CONTEXT = Context()
 
 @linked("void(int64)")
 def steps(context):
-    """Take steps until one ends in another way than it should."""
+    """Take the steps, until one of them has a status other than `FINE`."""
     c = longs(context, len(CONTEXT))
     numbers, width = floats(c[CONTEXT.numbers], TOTAL + SUMS), c[CONTEXT.state_size]
     c[CONTEXT.taken] = 0
@@ -108,5 +112,5 @@ def steps(context):
 
 @cast(Any, numba).cfunc(types.void(types.int64, types.int64, types.int32, types.int64))
 def entry(model, data, simulation, context):
-    """Take steps of the world that the numbers at an address tell of; the batch's own is not touched."""
+    """Take steps of the world described at an address; the batch's own world is not touched."""
     steps(context)

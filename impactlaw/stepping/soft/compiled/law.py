@@ -1,4 +1,4 @@
-"""The law and the options of soft steps as compiled code takes them."""
+"""The law and the options of soft steps in the form of compiled code."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from impactlaw.stepping.soft.scheme import SoftStepping
 
 
 def reason(scheme: SoftStepping) -> str | None:
-    """Return why compiled code does not take a scheme under its law; None if it does."""
+    """Return the reason why a scheme steps in Python under its law; None if compiled code can take the steps."""
     return scheme.only_in_python or law_table.reason(LawTargets(scheme.collisions.collider.law))
 
 
 def coefficients(scheme: SoftStepping) -> Coefficients:
-    """Return a table of the law's coefficients, which is empty yet."""
+    """Return a table for the law's coefficients, which is still empty."""
     targets, collisions = LawTargets(scheme.collisions.collider.law), scheme.collisions
     return Coefficients(targets, collisions.names, collisions.limits, scheme.model.njnt)
 
 
 def settings(scheme: SoftStepping) -> tuple[float, ...]:
-    """Return what else compiled code needs to know, see `world.Settings`."""
+    """Return the other options in the form of compiled code, see `world.Settings`."""
     collider = scheme.collisions.collider
     e = LawTargets(collider.law).restitution
     return (

@@ -1,4 +1,4 @@
-"""Joints that damping all but locks: contact acts on the inertia with which the step moves them, see `one_inertia`."""
+"""Joints that damping all but locks, in compiled code: contact acts on the inertia ``M + h D``, see `one_inertia`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def _is_implicit(w):
 
 @plain
 def _factorize(factor, inverse, nnz, adr, col):
-    """Overwrite a matrix by L and D of ``L^T D L``, and write ``1 / D``, as MuJoCo's `mj_factorM` does."""
+    """Overwrite a matrix by its factors ``L^T D L``, and write ``1 / D``, as MuJoCo's `mj_factorM` does."""
     for k in range(len(inverse) - 1, -1, -1):
         begin, end = adr[k], adr[k] + nnz[k] - 1
         inverse[k] = 1.0 / factor[end]
@@ -48,19 +48,19 @@ def locks(w):
 
 @plain
 def takes_forces(w):
-    """Return whether MuJoCo's solver finds forces from the mass matrix of data alone; see `one_inertia.one_inertia`."""
+    """Return whether MuJoCo computes forces from the mass matrix of data alone; see `one_inertia.added_inertia`."""
     return option(w, MODEL.opt_solver) != _PGS and option(w, MODEL.opt_noslip_iterations) == 0
 
 
 @plain
 def room(w):
-    """Return how many numbers `lock` keeps."""
+    """Return the number of entries that `lock` saves."""
     return 2 * size(w, MODEL.nC) + w.nv
 
 
 @plain
 def lock(w, kept):
-    """Let the mass matrix and its factor be those of M, plus h D for such joints; keep what they were, (`room`,)."""
+    """Add h D of such joints to the mass matrix, and factorize it; save the old values into `kept`, (`room`,)."""
     h, entries = float_at(w.model + offset(w, MODEL.opt_timestep)), size(w, MODEL.nC)
     damping, inertia = model_floats(w, MODEL.dof_damping, w.nv), model_floats(w, MODEL.dof_M0, w.nv)
     matrix = data_floats(w, DATA.M, entries)
@@ -78,7 +78,7 @@ def lock(w, kept):
 
 @plain
 def unlock(w, kept):
-    """Let them be what they were."""
+    """Restore the mass matrix and its factor from `kept`."""
     entries = size(w, MODEL.nC)
     put(data_floats(w, DATA.M, entries), kept[:entries])
     put(data_floats(w, DATA.qLD, entries), kept[entries : 2 * entries])

@@ -1,4 +1,4 @@
-"""Where MuJoCo's batches enter compiled soft steps: a C function of a world, and numbers that say where all else is."""
+"""The entry of MuJoCo's batches into compiled soft steps: a C function of a world, and addresses of its inputs."""
 
 from __future__ import annotations
 
@@ -19,24 +19,28 @@ from impactlaw.stepping.soft.compiled.world import FINE, PYTHON, SETTING, UNKNOW
 
 
 class Worlds(NamedTuple):
-    """Places in the numbers that the entry is given; of each world there is one of what ends in _of.
+    """Indices of the numbers that the entry is given; names in _of are arrays with one row per world.
 
     Attributes:
-        table: offsets of fields.
-        bilateral: which equality constraints collisions keep, and how many there are; 0 if they keep none.
-        frictional: contacts have friction.
-        collides: anything can collide.
-        steps: to take.
-        slots: see `pooled.other_data`, and how many pairs.
-        settings_of: see `world.Settings`.
-        laws_of: address of keys, address of values, and how many, int64 (nsim, 3).
-        states_of: room for the state at the start of the call, and how many numbers a state has.
-        memory_of: steps so far with a collision, with one whose restitution was scaled, and those in which one had none
-            left, (nsim, 3), written.
-        status_of: how the call has ended, the key that was asked for, and steps taken, int64 (nsim, 3), written; a
-            call goes on after so many steps.
-        outputs: see `pooled.copy_out`, and how many.
-        forces: whether the forces on bodies in the last timestep, such as cfrc_ext, are computed.
+        table: address of offsets of fields.
+        bilateral: address of kinds of equality constraints, see `world.Law`.
+        constraints: number of equality constraints; 0 if collisions keep the velocity of none of them.
+        frictional: whether contacts have friction.
+        collides: whether the scene can have collisions.
+        steps: number of steps to take.
+        slots: address of pairs of data, see `pooled.other_data`.
+        slot_count: number of these pairs.
+        settings_of: address of `world.Settings`, one row per world.
+        laws_of: address of keys, address of values, and their number, int64 (nsim, 3).
+        states_of: address of space for the state at the start of the call.
+        states: number of entries of a state.
+        memory_of: numbers of steps so far with a collision, with one whose restitution was scaled, and with one without
+            restitution or with E = 0 after the largest number of collisions, (nsim, 3), written.
+        status_of: status of the call, the key that is not known, and the number of steps taken, int64 (nsim, 3),
+            written; a call that is repeated goes on after these steps.
+        outputs: address of descriptions of outputs, see `pooled.copy_out`.
+        output_count: number of outputs.
+        forces: whether to compute the forces on bodies in the last timestep, such as cfrc_ext.
     """
 
     table: int = 0
@@ -63,7 +67,7 @@ WORLDS = Worlds()
 
 @linked("void(int64,int64,int64,int64)")
 def some_steps(model, data, world, context):
-    """Take the steps of one of many worlds; what Python is to do is left, and a failure puts the state back."""
+    """Take the steps of one of many worlds; stop where Python has to go on; after a failure restore the state."""
     c = longs(context, len(WORLDS))
     width, report = c[WORLDS.states], longs(c[WORLDS.status_of] + 24 * world, 3)
     first = floats(c[WORLDS.states_of] + 8 * width * world, width)
@@ -89,7 +93,7 @@ def some_steps(model, data, world, context):
         memory[0] += sums[COUNT] > 0.0
         memory[1] += sums[SCALED] > 0.0
         memory[2] += sums[LAST] + sums[SHORT] > 0.0
-    if report[0] == FINE:  # else this data is that of the step that failed, or of another world
+    if report[0] == FINE:  # otherwise data is that of the failed step, or of another world
         if c[WORLDS.forces] != 0:
             mj.rne_post_constraint(model, data)
         copy_out(data, world, c[WORLDS.outputs], c[WORLDS.output_count])

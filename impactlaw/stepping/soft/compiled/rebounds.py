@@ -12,7 +12,7 @@ from impactlaw.stepping.soft.tolerances import STILL, UNDERDAMPED
 
 @plain
 def bounces(w):
-    """Return whether a contact or limit that MuJoCo's solver acts on is a spring that its damping does not quiet."""
+    """Return whether a contact or limit that MuJoCo's solver acts on is an underdamped spring."""
     n, first = number(w, DATA.nefc), number(w, DATA.ne) + number(w, DATA.nf)
     if n == first:
         return False
@@ -25,7 +25,7 @@ def bounces(w):
 
 @once
 def hold_back(w, law):
-    """Cut down reference accelerations by what would be a rebound; return whether any is."""
+    """Reduce the reference accelerations of contacts that would rebound; return whether any is."""
     n, found = number(w, DATA.nefc), find(w, law.bilateral[:0])
     table, wanted, h = rows_of(w, DATA.efc_KBIP, n, 4), data_floats(w, DATA.efc_aref, n), len(found.row)
     gamma, aim, reached, rows, held = numbers(h), numbers(h), numbers(h), numbers(n), False

@@ -1,6 +1,6 @@
-"""Impulses of a collision with all its restitution, or as much as creates no energy, as `laws.friction.scaled` has it.
+"""Impulses of a collision with all restitution, or with the largest share of it that creates no energy.
 
-Bodies that jam, so that friction leaves no solution with restitution, have none.
+See `laws.friction.scaled`. Bodies that jam, so that friction leaves no solution with restitution, lose all of it.
 """
 
 from __future__ import annotations
@@ -41,24 +41,25 @@ from impactlaw.stepping.soft.compiled.contacts.work import most_gained, work_of_
 Array = np.ndarray[Any, Any]
 
 ENOUGH = 1e-12
-"""Natural map, relative to velocities, that the solver must reach."""
-_ALMOST = problem.ENOUGH  # what is enough in Python, which takes a collision that is solved to that
-_TOLERANCE = 1e-13  # what it aims at
-_ROUNDS = 24  # of its slower methods
-_AGAIN = 4  # times that it begins, at first without these
-_WORTH_IT = 0.5  # part of the natural map that is left, up to which going on was of use
-_NONE = np.inf  # energy created where there are no impulses
+"""Natural map that the solver must reach, relative to velocities."""
+_ALMOST = problem.ENOUGH  # natural map that suffices in Python, which takes over a collision that is solved to this
+_TOLERANCE = 1e-13  # natural map that the solver aims at
+_ROUNDS = 24  # rounds of its slower methods
+_AGAIN = 4  # largest number of attempts; the first one is without the slower methods
+_WORTH_IT = 0.5  # remaining part of the natural map up to which another attempt is worth it
+_NONE = np.inf  # created energy if no impulses were found
 _next_share = plain(share.next_share)
 
 
 class Wanted(NamedTuple):
-    """What a collision is asked for.
+    """The data of a collision problem.
 
     Attributes:
-        exact: exact Coulomb friction, or its convex relaxation.
-        before: velocities of all rows, (n,).
-        restored: what restitution asks for in addition to none being left of these, (n,).
-        velocity: whitened, before it, (nv,).
+        exact: whether friction is exact Coulomb friction, or else its convex relaxation.
+        before: velocities of all rows before the collision, (n,).
+        restored: e times these velocities where restitution acts, else 0, (n,); a share s of restitution asks for the
+            jump ``-(before + s restored)``.
+        velocity: whitened velocity before the collision, (nv,).
         speed: its length.
     """
 
@@ -74,9 +75,10 @@ _WANTED = typeof(Wanted(True, np.zeros(0), np.zeros(0), np.zeros(0), 0.0))
 
 @kernel
 def _sharpness(rows, members, firsts, sizes, compliance, b, velocity):
-    """Return how much larger the speed of what takes part is than what is asked of it, 1 or more.
+    """Return the ratio of the speed of the bodies that take part to the velocity jump asked of them, at least 1.
 
-    Rounding is a part of the speed: what rests on fast bodies cannot be solved to as small a part of its own.
+    Rounding is relative to the speed of bodies. Contacts that rest on fast bodies therefore cannot be solved to the
+    same accuracy relative to their own, smaller velocities.
     """
     length, touched, asked, square = numbers(len(members)), cleared(len(velocity)), 0.0, 0.0
     lengths(rows.nnz, rows.adr, rows.val, firsts, sizes, compliance, length)
@@ -95,7 +97,7 @@ def _sharpness(rows, members, firsts, sizes, compliance, b, velocity):
 
 @kernel
 def _solve(w, rows, members, wanted, s, x, z):
-    """Overwrite a guess of impulses, (n,), for a share s of restitution, write their jump, return the natural map."""
+    """Improve a guess x of impulses, (n,), for a share s of restitution, write their jump z; return the natural map."""
     n, k, b, residual, left = len(x), len(members), numbers(len(x)), np.inf, numbers(1)
     for i in range(n):
         b[i] = wanted.before[i] + s * wanted.restored[i]
@@ -125,7 +127,7 @@ def _solve(w, rows, members, wanted, s, x, z):
 
 @plain
 def _created(wanted, done, z, residual):
-    """Return the energy that works of contacts create, relative to that before, less what may be rounding."""
+    """Return the energy that contacts create, relative to the kinetic energy, less what may be rounding."""
     total, speed = 0.0, max(wanted.speed, norm(z))
     for work in done:
         total += work
@@ -136,7 +138,7 @@ def _created(wanted, done, z, residual):
 
 @kernel
 def _attempt(w, rows, members, wanted, s, x, z):
-    """Do what `_solve` does, and return also the energy that is created."""
+    """Do what `_solve` does, and also return the created energy."""
     residual, done = _solve(w, rows, members, wanted, s, x, z), numbers(len(members))
     work_of_each(rows, members, x, z, wanted.before, 0.0, done)
     return residual, _created(wanted, done, z, residual)
@@ -144,9 +146,9 @@ def _attempt(w, rows, members, wanted, s, x, z):
 
 @kernel
 def _largest(w, rows, group, wanted, created, x):
-    """Write impulses, (n,), with the largest share of restitution; return their natural map, and that share.
+    """Write impulses, (n,), with the largest share of restitution that creates no energy; return natural map and share.
 
-    All of it creates so much.
+    All restitution would create the energy `created`.
     """
     clear(x)
     z, low, high, third, above = zeros(w.nv), 0.0, 1.0, np.nan, created + AIM
@@ -175,21 +177,21 @@ def _largest(w, rows, group, wanted, created, x):
 
 @kernel
 def _of_group(w, rows, group, wanted, is_whole, solved, done, z, x):
-    """Write impulses, (n,), of contacts that influence no others, with all restitution or the largest share of it.
+    """Write impulses, (n,), of a group of contacts that influence no others, with all restitution or a share of it.
 
     Args:
         w: the world.
-        rows: whitened.
+        rows: the whitened rows.
         group: the contacts, int64.
         wanted: see `Wanted`.
-        is_whole: whether there are no others.
-        solved: natural map with all restitution, of all contacts.
-        done: works of these contacts then.
-        z: jump of all contacts then.
-        x: impulses of all contacts then, those of others 0; written.
+        is_whole: whether the group contains all contacts.
+        solved: natural map of the solution for all contacts with all restitution.
+        done: work of each contact of the group in that solution.
+        z: velocity jump of that solution.
+        x: impulses of that solution, 0 for other contacts; overwritten.
 
     Returns:
-        Natural map and share.
+        The natural map, and the share of restitution.
     """
     created = _created(wanted, done, z, solved)
     if created == _NONE and not is_whole:
@@ -209,7 +211,7 @@ def _of_group(w, rows, group, wanted, is_whole, solved, done, z, x):
 
 @kernel
 def _in_groups(w, rows, members, wanted, solved, done, z, x):
-    """Do what `_of_group` does for each group of contacts that influence each other; return the largest natural map."""
+    """Do what `_of_group` does for each group of contacts; return the largest natural map and the least share."""
     n, k, share, worst = len(x), len(rows.of), 1.0, 0.0
     whole, own, work, seen, queue = copied(x), numbers(n), zeros(k), cleared(k), indices(k)
     for j in range(len(members)):
@@ -234,15 +236,15 @@ def _in_groups(w, rows, members, wanted, solved, done, z, x):
 
 @linked(types.UniTuple(types.float64, 2)(WORLD, ROWS, INTEGERS, _WANTED, FLOATS, FLOATS))
 def find_impulses(w, rows, members, wanted, x, z):
-    """Write impulses, zeros before, (n,), and their jump, (nv,); return the natural map and the least share of a group.
+    """Write impulses and their velocity jump; return the natural map and the least share of restitution of a group.
 
     Args:
         w: the world.
-        rows: whitened.
+        rows: the whitened rows.
         members: contacts that take part, int64 (k,).
         wanted: see `Wanted`.
-        x: written.
-        z: written.
+        x: impulses, zeros before, (n,), written.
+        z: velocity jump, zeros before, (nv,), written.
     """
     residual, done = _solve(w, rows, members, wanted, 1.0, x, z), numbers(len(members))
     work_of_each(rows, members, x, z, wanted.before, 0.0, done)

@@ -1,4 +1,4 @@
-"""One step of `scheme.SoftStepping` in compiled code, over MuJoCo's C functions; see there what each part is for."""
+"""One step of `scheme.SoftStepping` in compiled code, by MuJoCo's C functions; the reasons are given there."""
 
 from __future__ import annotations
 
@@ -69,14 +69,14 @@ def _touches(w):
 
 @kernel
 def _rows(w):
-    """Return what tells constraint rows apart, int (nefc,)."""
+    """Return numbers that identify the current constraint rows, int (nefc,)."""
     n = number(w, DATA.nefc)
     return 8 * data_ints(w, DATA.efc_id, n) + data_ints(w, DATA.efc_type, n)
 
 
 @kernel
 def _collide(w, law, sums):
-    """Resolve the collisions of now, if there are any; see `collide.collide`."""
+    """Resolve the current collisions, if there are any; see `collide.collide`."""
     if _touches(w) == 0 or _is_huge(w):
         return FINE, False
     return collide(w, law, sums)
@@ -94,13 +94,13 @@ def _update(w):
 
 @plain
 def _start_room(w):
-    """Return how many numbers `_keep_start` keeps."""
+    """Return the number of entries that `_keep_start` saves."""
     return 3 * w.nv + size(w, MODEL.na) + size(w, MODEL.nC)
 
 
 @plain
 def _keep_start(w, kept, back):
-    """Keep, (`_start_room`,), what `look_not_ahead.keep_start` keeps, or give it back."""
+    """Save what `look_not_ahead.keep_start` returns into `kept`, (`_start_room`,), or write it `back`."""
     at, nv = 0, w.nv
     for place, n in (
         (DATA.qacc, nv), (DATA.qfrc_smooth, nv), (DATA.qfrc_constraint, nv),
@@ -115,7 +115,7 @@ def _keep_start(w, kept, back):
 
 @plain
 def _is_plain(w):
-    """Return what `look_not_ahead.is_plain` does."""
+    """Return the result of `look_not_ahead.is_plain`."""
     more = size(w, MODEL.nplugin) + size(w, MODEL.nhistory)
     return more == 0 and not option(w, MODEL.opt_enableflags) & SLEEP
 
@@ -124,7 +124,7 @@ def _is_plain(w):
 def _look_not_ahead(w, touches):
     """Do what `look_not_ahead.look_not_ahead` does.
 
-    What differs from the model is in a copy of its own structure: other threads step with the model.
+    The changed options are in a copy of the model's own structure, since other threads step with the model.
     """
     if touches:
         mj.euler(w.model, w.data)
@@ -160,7 +160,7 @@ def _velocity_in(w, state):
 
 @kernel
 def _closes(w, law, velocity):
-    """Return whether a contact of now would close faster than `rest_speed` at another velocity, (nv,)."""
+    """Return whether a current contact would close faster than `rest_speed` with another velocity, (nv,)."""
     rows, found = numbers(number(w, DATA.nefc)), find(w, law.bilateral)
     mj.mul_jac_vec(w.model, w.data, address_of(rows), address_of(velocity))
     keep(rows)
@@ -169,9 +169,9 @@ def _closes(w, law, velocity):
 
 @kernel
 def _collide_at_end(w, law, trial, touched, between, state, start, sums):
-    """Take an RK4 step again, see `_look_not_ahead`, if that ends in a collision that the law changes.
+    """Repeat an RK4 step by `_look_not_ahead`; keep the repetition if it ends in a collision that the law changes.
 
-    Return how it has ended. What its last stage has met is not looked at if something was met `between`.
+    Return the status. Whether a contact of the last stage closes is not checked if a stage `between` met more contacts.
     """
     if not between and not _closes(w, law, _velocity_in(w, state)):
         return FINE
@@ -203,7 +203,7 @@ def _collide_at_end(w, law, trial, touched, between, state, start, sums):
 
 @once
 def _from_start(w, law, trial, integrator, state, sums):
-    """Do what `mj_step` does, with the law before the forces."""
+    """Do what `mj_step` does, but apply the law before forces are computed."""
     mj.first_half(w.model, w.data)
     locked = _touches(w) > 0 and locks(w)
     kept = numbers(room(w) if locked else 0)
@@ -219,7 +219,7 @@ def _from_start(w, law, trial, integrator, state, sums):
     locked = locked and takes_forces(w) and _touches(w) > 0
     if changed or not locked:
         mj.rest_of_forward(w.model, w.data, np.int32(_POSITION if changed else _VELOCITY), np.int32(0))
-    if locked:  # velocities are those of M: their energy, and what sensors measure of them
+    if locked:  # energy and sensors of velocities, above, are computed with M
         if changed:
             lock(w, kept)
         mj.rest_of_forward(w.model, w.data, np.int32(_VELOCITY), np.int32(0))
@@ -256,13 +256,13 @@ def advance(
     model, data, trial, table, restitution, sliding, exact, last_exact, frictional, rest_speed, most, keys, values,
     asked, outcomes, bilateral, state, sums, collides,
 ):  # fmt: skip
-    """Take one step and return how it has ended; see `world`.
+    """Take one step and return its status, see `world`; unless that is `FINE` or `DIVERGED`, data is as it was before.
 
     Args:
         model: address of the model.
         data: address of its data.
         trial: address of other data.
-        table: offsets of fields, see `compiled.fields`.
+        table: address of offsets of fields, see `compiled.fields`.
         restitution: see `world.Law`, like the eleven that follow.
         sliding: see there.
         exact: see there.
@@ -275,9 +275,9 @@ def advance(
         asked: see there.
         outcomes: see there.
         bilateral: see there.
-        state: room for the state, where that of the start is in the end.
-        sums: over collisions, see `collide`, written.
-        collides: whether anything can.
+        state: the state at the start of the step, written.
+        sums: sums over the collisions, see `collide`, written.
+        collides: whether the scene can have collisions.
     """
     nv = long_at(model + long_at(table + 8 * MODEL.nv))
     w = World(model, data, table, nv)

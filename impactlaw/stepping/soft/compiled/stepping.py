@@ -1,4 +1,4 @@
-"""Soft stepping of one world in compiled code; what that does not take is stepped by the scheme in Python."""
+"""Soft stepping of one world in compiled code; steps that it does not cover are taken by the scheme in Python."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ _DATA, _STEPS, _TAKEN, _STATUS = CONTEXT.data, CONTEXT.steps, CONTEXT.taken, CON
 
 
 class CompiledSoftStepping:
-    """Soft stepping in compiled code; see `scheme.SoftStepping`, whose interface it has.
+    """Soft stepping in compiled code, with the interface of `scheme.SoftStepping`; see there.
 
     Args:
-        scheme: the scheme in Python, whose options it has, and which takes what compiled code does not.
-        warn: whether to warn where it does.
+        scheme: the scheme in Python, which holds the options, and takes the steps that compiled code does not cover.
+        warn: whether to warn of steps in Python.
     """
 
     def __init__(self, scheme: SoftStepping, *, warn: bool):
@@ -53,7 +53,7 @@ class CompiledSoftStepping:
         self._take_over()
 
     def _take_over(self) -> None:
-        """Take over the law of the scheme."""
+        """Adopt the law of the scheme."""
         scheme = self._scheme
         self._coefficients, self._reason = coefficients(scheme), reason(scheme)
         self._settings, self._teller = settings(scheme), Teller(scheme, CompiledSoftStepping)
@@ -68,7 +68,7 @@ class CompiledSoftStepping:
             warnings.warn(f"steps are not compiled, but in Python: {why}", UncompiledWarning, stacklevel=5)
 
     def _write_context(self) -> None:
-        """Tell compiled code where all is."""
+        """Write the addresses of the inputs of compiled code."""
         trial: Any = self._trial
         arrays = {
             "table": self._table, "numbers": self._numbers, "keys": self._coefficients.key,
@@ -86,25 +86,25 @@ class CompiledSoftStepping:
 
     @property
     def unlocated(self) -> int:
-        """See `scheme.SoftStepping`, like the one that follows."""
+        """See `scheme.SoftStepping`."""
         return self._scheme.unlocated
 
     @property
     def short_steps(self) -> int:
-        """Of both, compiled code and the scheme in Python."""
+        """See `scheme.SoftStepping`; steps in compiled code and in Python are counted together."""
         return self._scheme.short_steps
 
     def set_law(self, law: Law) -> None:
-        """Let the collisions of the next steps be by another law."""
+        """Use another law for the collisions of the next steps."""
         self._scheme.set_law(law)
         self._take_over()
 
     def finish(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
-        """Do what follows `mj_step1` in a step, and return the collisions; that is in Python."""
+        """Take the part of a step that follows `mj_step1`, in Python, and return the collisions."""
         return self._scheme.finish(data)
 
     def step(self, data: mujoco.MjData, steps: int = 1) -> Told:
-        """Advance by so many timesteps, 1 or more, and return what tells their collisions."""
+        """Advance by a number of timesteps, 1 or more, and return their collisions, to be resolved on demand."""
         parts: list[Told] = []
         if self._reason is not None:
             self._in_python(data, steps, parts)
@@ -120,7 +120,7 @@ class CompiledSoftStepping:
         fields, simulation = self._fields, data
         fields[_DATA] = simulation._address  # pyright: ignore[reportAttributeAccessIssue]
         while steps:
-            fields[_STEPS], begun = steps, data.time  # which MuJoCo resets where it diverges
+            fields[_STEPS], begun = steps, data.time  # MuJoCo resets the time if it diverges
             if self._entry.call():
                 self._fail(data, self._entry.message)
             taken, how = fields[_TAKEN], fields[_STATUS]
@@ -139,7 +139,7 @@ class CompiledSoftStepping:
         return together(parts)
 
     def _go_on(self, how: int, data: mujoco.MjData, steps: int, parts: list[Any]) -> int:
-        """Do what compiled code has left, and return how many steps that were."""
+        """Do what compiled code has left to Python, and return the number of steps taken."""
         if how == world.UNKNOWN:
             self._coefficients.learn(int(self._context[CONTEXT.asked]))
             self._write_context()
@@ -159,11 +159,11 @@ class CompiledSoftStepping:
 
     @cached_property
     def _again(self) -> mujoco.MjData:
-        """Data of steps that are taken once more."""
+        """The data in which steps are repeated."""
         return mujoco.MjData(self._model)
 
     def outcomes(self, row: np.ndarray) -> np.ndarray:
-        """Take a step once more from what is kept of it, and return the velocities after its collisions, (k, nv)."""
+        """Repeat a step from the state and sums in a row, and return the velocities after its collisions, (k, nv)."""
         nv, most = self._model.nv, int(row[-SUMS]) + self._scheme.collisions.collider.most
         found, data = np.zeros(1 + most * nv), self._again
         mujoco.mj_resetData(self._model, data)
@@ -174,21 +174,21 @@ class CompiledSoftStepping:
         return found[1:].reshape(most, nv)[: int(found[0])]
 
     def sums(self) -> ImpactSums:
-        """Return the sums over the collisions of the steps that compiled code took last."""
+        """Return the sums over the collisions of the last call of compiled code."""
         return sums_in(self._total)
 
     def _fail(self, data: mujoco.MjData, message: str) -> None:
-        """Raise what MuJoCo has said, with data where it was."""
+        """Restore the state, and raise MuJoCo's error."""
         simulation: Any = data
-        for place in (DATA.pstack, DATA.pbase):  # what was on MuJoCo's stack is lost
+        for place in (DATA.pstack, DATA.pbase):  # empty MuJoCo's stack, which the error has left in use
             ctypes.c_size_t.from_address(simulation._address + int(self._table[place])).value = 0
         restore_state(self._model, data, self._states[int(self._context[CONTEXT.taken]), : self._room])
         raise mujoco.FatalError(message)
 
     def __getstate__(self) -> dict[str, Any]:
-        """A copy goes on with the same law."""
+        """Return the arguments of `__init__`: a copy begins anew with the same scheme."""
         return {"scheme": self._scheme, "warn": self._warn}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Go on."""
+        """Begin anew with these arguments."""
         self.__init__(state["scheme"], warn=state["warn"])

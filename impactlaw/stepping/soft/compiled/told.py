@@ -1,4 +1,4 @@
-"""What compiled steps tell of their collisions: sums at once, events when somebody asks."""
+"""The collisions of compiled steps: sums at once, events when they are read."""
 
 from __future__ import annotations
 
@@ -23,33 +23,33 @@ from impactlaw.stepping.integration import restore_state
 from impactlaw.stepping.soft.compiled.collide import SUMS
 from impactlaw.stepping.soft.scheme import SoftStepping
 
-_AGAIN = 1e-4  # part of their intensity by which collisions that are told may have another one
-_SAME = 1e-9  # part of the largest velocity by which two outcomes of a law may differ and be the same
+_AGAIN = 1e-4  # largest deviation of the intensity of repeated collisions, relative to the intensity
+_SAME = 1e-9  # largest difference between two outcomes of a law that are the same, relative to the largest velocity
 
 
 class _AsCompiled:
-    """No limit of work, but restitution is left out where compiled code leaves it out; see `Effort`."""
+    """No limit of work, but restitution is omitted where compiled code omits it; see `Effort`."""
 
     hasty = True
 
     def rounds(self, rows: int) -> int:
-        """Return all."""
+        """Return the largest number of rounds."""
         return THOROUGH
 
     def steps(self, rows: int) -> float:
-        """Return that there is no limit."""
+        """Return infinity: there is no limit."""
         return np.inf
 
     def attempt(self, rows: int, steps: int) -> None:
-        """Let it be."""
+        """Do nothing."""
 
     def begin_part(self) -> None:
-        """Let it be."""
+        """Do nothing."""
 
 
 @dataclass(frozen=True)
 class _Known(Law):
-    """A law whose outcomes are known, since it has several solutions where friction is indeterminate."""
+    """A law with known outcomes: where friction is indeterminate, another solution of the law could be found."""
 
     law: Law
     velocities: Iterator[np.ndarray]
@@ -60,11 +60,11 @@ class _Known(Law):
         return self.law.target(collision)
 
     def resolve(self, collision: Collision, *, solver: str = "auto") -> Impact:
-        """Return the impact with the velocity that is known."""
+        """Return the impact with the next known velocity."""
         limits = {"effort": _AsCompiled()} if isinstance(self.law, Coulomb) else {}
         impact = self.law.resolve(collision, solver=solver, **limits)
         if self.closed and not is_kept(impact):
-            return impact  # compiled code has gone on without it, too
+            return impact  # compiled code has not used this outcome, either
         velocity = next(self.velocities, None)
         if velocity is None:
             return impact
@@ -87,17 +87,17 @@ def _(law: _Known) -> Law:
 
 
 def sums_in(found: Iterable[float]) -> ImpactSums:
-    """Return the sums that compiled steps have found."""
+    """Return the sums that compiled steps have computed."""
     count, energy, intensity, distant, scaled, _, _, work = found
     return ImpactSums(int(count), energy, work, intensity, int(distant), int(scaled))
 
 
 class Teller:
-    """Takes steps of a scheme once more, under the law that it has now; what that needs is made when it is first asked.
+    """Repeats steps of a scheme, under the law that it has when this is made.
 
     Args:
-        scheme: in Python.
-        compile: makes compiled steps of a scheme, which tell the outcomes of their collisions.
+        scheme: the scheme in Python.
+        compile: makes the compiled stepping of a scheme, which computes the outcomes of collisions.
     """
 
     def __init__(self, scheme: SoftStepping, compile: Callable[..., Any]):
@@ -105,16 +105,21 @@ class Teller:
 
     @cached_property
     def _again(self) -> tuple[SoftStepping, Any, mujoco.MjData]:
-        """The scheme in Python and compiled, and data."""
+        """The scheme in Python, the same in compiled code, and data; made on first use."""
         scheme = copy.copy(self._scheme)
-        scheme.collisions = copy.copy(scheme.collisions)  # what is told once more is not counted once more
+        scheme.collisions = copy.copy(scheme.collisions)  # repeated steps are not counted again
         scheme.collisions.collider = self._collider
         return scheme, self._compile(scheme, warn=False), mujoco.MjData(scheme.model)
 
     def tell(self, rows: np.ndarray, sums: ImpactSums) -> tuple[ImpactEvent, ...]:
-        """Return the collisions of steps, from states before them and what compiled code keeps of each."""
+        """Return the collisions of steps, from rows with the state before each step and its sums.
+
+        Args:
+            rows: state before the step, and sums of compiled code, of each step.
+            sums: sums over the collisions of all steps.
+        """
         scheme, compiled, data = self._again
-        mujoco.mj_resetData(scheme.model, data)  # what is told does not depend on what was told before
+        mujoco.mj_resetData(scheme.model, data)  # results do not depend on steps that were repeated before
         by, events, misses = self._collider, [], False
         for row in rows[rows[:, -SUMS] > 0]:
             velocities = iter(compiled.outcomes(row))
@@ -122,28 +127,28 @@ class Teller:
             restore_state(scheme.model, data, row[:-SUMS])
             known = replace(
                 by, law=_Known(by.law, velocities), last_law=_Known(by.last_law, velocities), on_inadmissible="allow"
-            )  # compiled code has judged them: impulses that are fitted here to large ones are less sharp
+            )  # compiled code has judged these outcomes; impulses that are fitted to them here are less accurate
             scheme.collisions.collider = known
             try:
                 events += scheme.step(data)
             finally:
                 scheme.collisions.collider = by
-        # where a problem has several solutions, Python's can be another one
+        # if a problem has several solutions, Python can find another one
         if misses and _misses(ImpactSums.of(events), sums):
             raise changed_model(float(data.time))
         return tuple(events)
 
 
 class Replay:
-    """The collisions of compiled steps, told by the scheme in Python when somebody asks: it takes them once more.
+    """The collisions of compiled steps; when they are read, the scheme in Python takes the steps again.
 
     Args:
-        teller: takes them.
-        rows: states before the steps, and what compiled code keeps of each.
-        total: sums over the collisions.
+        teller: repeats the steps.
+        rows: state before the step, and sums of compiled code, of each step.
+        total: sums over the collisions of all steps.
 
     Attributes:
-        sums: over the collisions; they need no events.
+        sums: sums over the collisions, available without the events.
     """
 
     def __init__(self, teller: Teller, rows: np.ndarray, total: memoryview):
@@ -151,7 +156,7 @@ class Replay:
         self.sums = sums_in(total)
 
     def __call__(self) -> tuple[ImpactEvent, ...]:
-        """Return them as events."""
+        """Return the collisions as events."""
         return self._events
 
     @cached_property
@@ -160,6 +165,6 @@ class Replay:
 
 
 def _misses(again: ImpactSums, sums: ImpactSums) -> bool:
-    """Return whether steps, once more, have had other collisions than before."""
+    """Return whether repeated steps have had other collisions than before."""
     differs = abs(again.intensity - sums.intensity) > _AGAIN * sums.intensity
     return again.collisions != sums.collisions or differs

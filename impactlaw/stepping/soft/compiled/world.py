@@ -1,4 +1,4 @@
-"""One world of soft stepping in compiled code, and how a step has ended."""
+"""One world of soft stepping in compiled code, its law, and the status of a step."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ Array = np.ndarray[Any, Any]
 
 FINE = 0
 PYTHON = 1
-"""The scheme in Python is to take the step: data is where it was before."""
+"""The scheme in Python has to take the step; data is as it was before."""
 UNKNOWN = 2
-"""The restitution of a contact is not known yet: data is where it was before."""
+"""The restitution of a contact is not known yet; data is as it was before."""
 DIVERGED = 3
 """MuJoCo met a state that is not finite, or huge."""
 CALLBACK = 4
@@ -20,15 +20,15 @@ CALLBACK = 4
 
 
 class Settings(NamedTuple):
-    """What the collisions of one of many worlds are by, as places in a row of numbers; see `Law`.
+    """The law and options of one of many worlds, as indices of a row of numbers; see `Law`.
 
     Attributes:
-        restitution: e, where it is the same for all contacts; else NaN.
+        restitution: e if it is the same for all contacts; else NaN.
         sliding: tangential restitution.
         exact: 1 for exact Coulomb friction, 0 for its convex relaxation.
-        last_exact: the same in a collision that ends the matter.
+        last_exact: the same for the last collision after `most` others.
         rest_speed: closing speed above which a contact collides, m/s or rad/s.
-        most: collisions at one instant after which one more ends the matter.
+        most: largest number of collisions at one instant, before the last one.
     """
 
     restitution: int = 0
@@ -43,21 +43,22 @@ SETTING = Settings()
 
 
 class Law(NamedTuple):
-    """What the collisions are by.
+    """The law and options of collisions.
 
     Attributes:
-        restitution: e, where it is the same for all contacts; else NaN.
+        restitution: e if it is the same for all contacts; else NaN.
         sliding: tangential restitution.
-        exact: exact Coulomb friction, or its convex relaxation.
-        last_exact: the same in a collision that ends the matter.
+        exact: whether friction is exact Coulomb friction, or else its convex relaxation.
+        last_exact: the same for the last collision after `most` others.
         frictional: whether contacts have friction.
         rest_speed: closing speed above which a contact collides, m/s or rad/s.
-        most: collisions at one instant after which one more, of all contacts and with E = 0, ends the matter.
-        key: of contacts and limits, see `law_table.Coefficients`, ascending, int64 (k,).
-        value: e of each, (k,).
-        asked: key of the contact that is not among them, int64 (1,), written.
-        outcomes: their number, and the velocity after each collision, (1 + k nv,), written; (0,) to write none.
-        bilateral: which equality constraints collisions keep, uint8 (neq,); (0,) if none.
+        most: largest number of collisions at one instant; after these, a last one with E = 0 involves all contacts.
+        key: keys of contacts and limits, see `law_table.Coefficients`, ascending, int64 (k,).
+        value: e for each key, (k,).
+        asked: key of a contact that is not in `key`, int64 (1,), written.
+        outcomes: number of collisions, then the velocity after each, (1 + k nv,), written; (0,) if not wanted.
+        bilateral: kinds of equality constraints, 0 for those that do not keep their velocity in collisions, uint8
+            (neq,); (0,) if no equality constraint keeps it.
     """
 
     restitution: float
@@ -81,7 +82,7 @@ class World(NamedTuple):
         model: address of its model.
         data: address of its data.
         table: address of offsets of fields, see `compiled.fields`.
-        nv: degrees of freedom.
+        nv: number of degrees of freedom.
     """
 
     model: int

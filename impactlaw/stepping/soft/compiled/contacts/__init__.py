@@ -1,1 +1,1 @@
-"""Contacts and limits of compiled soft steps: which act, their rows, and what equality constraints leave of them."""
+"""Contacts and limits of compiled soft steps: which of them act, their rows, and the effect of equality constraints."""

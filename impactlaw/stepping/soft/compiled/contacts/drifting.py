@@ -1,4 +1,4 @@
-"""Limits that close because equality constraints give way, in compiled code; see `soft.drifting`."""
+"""Limits that close because equality constraints drift, in compiled code; see `soft.drifting`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from impactlaw.stepping.soft.compiled.contacts.kinds import BYTES, FOUND, WORLD
 
 @plain
 def _normal(found, i, jacobian, factor, Mnnz, Madr, Mcol, root, row, out):
-    """Write the whitened gradient of a gap, (nv,); there is room for another row."""
+    """Write the whitened gradient of a gap, (nv,); `row` is scratch space, (nv,)."""
     nnz, adr, col, val = jacobian
     whitened_row(nnz, adr, col, val, found.row[i], factor, Mnnz, Madr, Mcol, root, out)
     if found.paired[i]:
@@ -31,7 +31,7 @@ def _normal(found, i, jacobian, factor, Mnnz, Madr, Mcol, root, row, out):
 
 @plain
 def _fastest(left, lengths, allowed, i, nv):
-    """Return how fast the fastest contact closes or opens that the motion of one reaches, in the kinetic metric."""
+    """Return the speed, in the kinetic metric, of the fastest contact that the allowed motion of contact i reaches."""
     fastest = 0.0
     for j in range(len(lengths)):
         if abs(dot(left, i * nv, left, j * nv, nv)) > INFLUENCE * lengths[i] * lengths[j]:
@@ -50,7 +50,7 @@ def _acts(found, gamma, left, lengths, before, allowed, i, nv):
 
 @plain
 def _keep(found, gamma, left, lengths, before, allowed, nv):
-    """Move those that act to the front, with their velocities, and return how many there are."""
+    """Move contacts and limits that act to the front, with their velocities, and return their number."""
     count = 0
     for i in range(len(lengths)):
         if _acts(found, gamma, left, lengths, before, allowed, i, nv):
@@ -62,14 +62,14 @@ def _keep(found, gamma, left, lengths, before, allowed, nv):
 
 @linked(types.int64(WORLD, BYTES, FLOATS, FOUND, FLOATS))
 def leave_drifting_out(w, bilateral, calm, found, gamma):
-    """Move contacts and limits to the front that do not close because constraints give way; return how many there are.
+    """Leave out limits that close because constraints drift: move the others to the front, and return their number.
 
     Args:
         w: the world.
-        bilateral: which constraints are kept, uint8 (neq,).
+        bilateral: see `world.Law`.
         calm: see `equalities.span`.
         found: contacts and limits, written.
-        gamma: their velocities, (h,), written.
+        gamma: contact velocities, (h,), written.
     """
     nv, many, jacobian = w.nv, len(gamma), jacobian_of(w)
     Mnnz, Madr, Mcol = layout_of(w)

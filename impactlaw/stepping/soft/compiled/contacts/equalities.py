@@ -1,7 +1,7 @@
-"""Equality constraints in collisions, in compiled code: impulses that leave their velocities alone.
+"""Equality constraints that keep their velocity in collisions, in compiled code.
 
-See `mechanics.bilateral`: with an orthonormal basis B of the whitened gradients of the constraints the gradients Y of
-contacts become ``Y P, P = I - B^T B``.
+See `mechanics.bilateral`: with an orthonormal basis B of the whitened gradients of the constraints, the gradients Y of
+contacts become ``Y P`` with ``P = I - B^T B``.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from impactlaw.stepping.compiled.ties import leave_out, parts_of_longest, write_
 from impactlaw.stepping.soft.compiled.contacts.rows import Rows
 
 _CLEAR = 1.65 * OWN_CONSTRAINT
-"""Volume that rows of length one span, over the root of their number, from which no singular value is that small.
+"""Volume spanned by unit rows, over the root of their number, above which no singular value is below `OWN_CONSTRAINT`.
 
-The volume is the product of the singular values. All but the smallest have a product of sqrt(e) = 1.65 at most.
+The volume is the product of the singular values; without the smallest one the product is at most sqrt(e) = 1.65.
 """
-_ORTHOGONAL = 1e-15  # cosine between two rows that is rounding
-_SWEEPS = 30  # of Jacobi's method, which takes ten at most
+_ORTHOGONAL = 1e-15  # cosine between two rows up to which it is rounding
+_SWEEPS = 30  # largest number of sweeps of Jacobi's method, which takes ten at most
 
 
 @plain
@@ -51,9 +51,9 @@ def _is_kept(w, bilateral, calm, jacobian, r):
 
 @kernel
 def _rank(w, bilateral, calm, jacobian, part):
-    """Write how long rows are next to others of their constraint, (ne,); return the part up to which they are nothing.
+    """Write the relative lengths of rows in their constraint, (ne,); return the length up to which rows are negligible.
 
-    Rows that are not kept have 0.
+    Rows that do not keep their velocity get 0.
     """
     n, given, weight = number(w, DATA.nefc), 0.0, numbers(w.nv)
     source, gaps = data_ints(w, DATA.efc_id, n), data_floats(w, DATA.efc_pos, n)
@@ -84,9 +84,9 @@ def _turn(one, other, cosine, sine):
 
 @plain
 def _orthogonalize(basis, many, nv):
-    """Turn rows into each other until all are orthogonal: they are singular vectors, as long as singular values are.
+    """Rotate pairs of rows until all are orthogonal: singular vectors, whose lengths are the singular values.
 
-    This is the one-sided method of Jacobi, after Hestenes (1958).
+    This is the one-sided Jacobi method of Hestenes (1958).
     """
     for _ in range(_SWEEPS):
         turned = False
@@ -106,7 +106,7 @@ def _orthogonalize(basis, many, nv):
 
 @plain
 def _keep_long(basis, many, nv, rank):
-    """Move rows that are not short next to the longest to the front, of length one; return how many there are."""
+    """Move rows that are not short relative to the longest to the front, normalized, and return their number."""
     longest, count = 0.0, 0
     for r in range(many):
         longest = max(longest, dot(basis, r * nv, basis, r * nv, nv))
@@ -121,7 +121,7 @@ def _keep_long(basis, many, nv, rank):
 
 @plain
 def _singular_vectors(w, part, rank, jacobian, root, basis):
-    """Do what `span` does, by singular values: directions that only a giving way has made are left out."""
+    """Do what `span` does by singular values, without directions that exist only by a violation of constraints."""
     many, nv = 0, w.nv
     nnz, adr, col, val = jacobian
     Mnnz, Madr, Mcol = layout_of(w)
@@ -140,18 +140,18 @@ def _singular_vectors(w, part, rank, jacobian, root, basis):
 
 @kernel
 def span(w, bilateral, calm, jacobian, root, basis):
-    """Write an orthonormal basis of the constraints that collisions keep, row by row; return how many there are.
+    """Write an orthonormal basis of the constraints that keep their velocity, row by row; return its size.
 
-    Rows that depend on each other nearly count as in `equality_constraints.bilateral_rows`.
+    Nearly dependent rows are treated as in `equality_constraints.bilateral_rows`.
 
     Args:
         w: the world.
-        bilateral: which constraints are kept, uint8 (neq,).
-        calm: velocity of a constraint, m/s or rad/s, above which it is giving way, and is not kept; of each tree of
-            bodies, (ntree,).
+        bilateral: see `world.Law`.
+        calm: for each tree of bodies, the speed of a constraint row, m/s or rad/s, above which it is giving way and
+            does not keep its velocity, (ntree,).
         jacobian: MuJoCo's rows.
         root: ``D^-1/2``, (nv,).
-        basis: room for as many rows as there are constraints and one more, (ne + 1) nv.
+        basis: written, with space for one row more than there are constraint rows, ((ne + 1) nv,).
     """
     count, nv, volume, many = 0, w.nv, 1.0, number(w, DATA.ne)
     nnz, adr, col, val = jacobian
@@ -176,7 +176,10 @@ def span(w, bilateral, calm, jacobian, root, basis):
 
 @plain
 def _project(rows, nv, basis, count, adr, nnz, col, val):
-    """Write the rows that are left, all columns, and 0 for friction of which nothing is; return whether normals are."""
+    """Write dense rows without their part along the basis; return False if no part of a normal is left.
+
+    Friction rows of which no part is left become 0.
+    """
     clear(val)
     for g in range(len(rows.first)):
         for r in range(rows.first[g], rows.first[g] + rows.sizes[g]):
@@ -196,9 +199,9 @@ def _project(rows, nv, basis, count, adr, nnz, col, val):
 
 @once
 def projected(rows, nv, basis, count):
-    """Return `Rows` without their part along a basis, which live as long as the function that asks for them.
+    """Return `Rows` without their part along a basis, and whether a part of each normal is left.
 
-    And whether something is left of each normal.
+    The rows are valid until the function that calls this returns.
     """
     n = len(rows.nnz)
     adr, nnz, col, val = integers(n), integers(n), integers(n * nv), numbers(n * nv)

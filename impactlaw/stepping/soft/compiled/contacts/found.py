@@ -1,4 +1,4 @@
-"""Contacts and limits that MuJoCo's solver acts on, in compiled code, and which of them a collision can reach."""
+"""Contacts and limits that MuJoCo's solver acts on, in compiled code, and those that a collision can reach."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 
 
 class Found(NamedTuple):
-    """The contacts and limits that MuJoCo's solver acts on, one column each.
+    """The contacts and limits that MuJoCo's solver acts on.
 
     Attributes:
         row: MuJoCo's first row, int64 (h,).
-        contact: the number among MuJoCo's contacts, -1 for a limit, int64 (h,).
-        paired: whether it is a pyramid: pairs of rows, whose mean is the normal, int64 (h,).
+        contact: index among MuJoCo's contacts, -1 for a limit, int64 (h,).
+        paired: whether the contact is a pyramid: pairs of rows, the mean of which is the normal, int64 (h,).
     """
 
     row: Array
@@ -33,7 +33,7 @@ class Found(NamedTuple):
 
 @plain
 def _list(w, tied, row, contact, paired):
-    """Write what `Found` holds, and return how many there are."""
+    """Write the fields of `Found`, and return the number of contacts and limits."""
     limits, first, many = number(w, DATA.nl), number(w, DATA.ne) + number(w, DATA.nf), number(w, DATA.ncon)
     address, dim = contact_ints(w, CONTACT.efc_address, 1)[:, 0], contact_ints(w, CONTACT.dim, 1)[:, 0]
     pyramidal, h = option(w, MODEL.opt_cone) == _PYRAMIDAL, limits
@@ -48,9 +48,10 @@ def _list(w, tied, row, contact, paired):
 
 @once
 def find(w, constraints):
-    """Return the contacts and limits of now, which live as long as the function that asks for them.
+    """Return the current contacts and limits, as arrays that are valid until the function that calls this returns.
 
-    Contacts that equality constraints tie are left out, see `ties`; `constraints` are their kinds, uint8 (neq,).
+    Contacts that equality constraints tie are left out, see `ties`; `constraints` are the kinds of these, uint8 (neq,),
+    or (0,) to leave out no contact.
     """
     most = number(w, DATA.nl) + number(w, DATA.ncon)
     row, contact, paired = indices(most), indices(most), indices(most)
@@ -75,7 +76,7 @@ def normal_velocities(found, velocity, gamma):
 
 @plain
 def _meets(jacobian, row, tree, mark):
-    """Return whether a row of MuJoCo's moves a tree that is marked."""
+    """Return whether a row of MuJoCo acts on a marked tree."""
     nnz, adr, col, val = jacobian
     for a in range(adr[row], adr[row] + nnz[row]):
         if val[a] != 0.0 and mark[tree[col[a]]]:
@@ -85,7 +86,7 @@ def _meets(jacobian, row, tree, mark):
 
 @plain
 def _mark(jacobian, row, tree, mark):
-    """Mark the trees that a row of MuJoCo's moves; return whether one of them was not."""
+    """Mark the trees that a row of MuJoCo acts on; return whether one of them was not marked before."""
     nnz, adr, col, val = jacobian
     new = False
     for a in range(adr[row], adr[row] + nnz[row]):
@@ -96,19 +97,19 @@ def _mark(jacobian, row, tree, mark):
 
 @plain
 def within_reach(w, found, jacobian, gamma, speed, rounding, mark, reached):
-    """Write which contacts that do not separate share a tree, in steps, with one that is faster than speed, bool (h,).
+    """Find the contacts that do not separate and that chains of shared trees connect to a contact that collides.
 
-    Equality constraints join the trees that they move.
+    Equality constraints join the trees that they act on.
 
     Args:
         w: the world.
         found: its contacts.
         jacobian: MuJoCo's rows, see `access.jacobian_of`.
         gamma: contact velocities, (h,).
-        speed: of closing, m/s or rad/s.
+        speed: closing speed above which a contact collides, m/s or rad/s.
         rounding: contact velocity up to which a contact does not separate, m/s or rad/s.
-        mark: trees, all False, (ntree,); written.
-        reached: all False, (h,); written.
+        mark: marks of trees, all False before, bool (ntree,), written.
+        reached: the contacts found, all False before, bool (h,), written.
     """
     tree, more = model_ints(w, MODEL.dof_treeid, w.nv), True
     while more:

@@ -1,4 +1,4 @@
-"""Types of what compiled functions are given that have one signature."""
+"""Numba types of arguments, for compiled functions with a declared signature."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rows of contacts along normals and tangents in compiled code: MuJoCo's, whitened, and which meet which."""
+"""Rows of contacts along normals and tangents, whitened, and which contacts influence each other, in compiled code."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ Array = np.ndarray[Any, Any]
 
 
 class Rows(NamedTuple):
-    """Whitened rows of some contacts, contact by contact, the normal first, then friction times its coefficients.
+    """Whitened rows of k contacts: for each contact the normal, then friction rows times their coefficients.
 
     Attributes:
-        of: which of `Found` each contact is, int64 (k,).
-        first: its first row, int32 (k,).
-        sizes: its rows, int32 (k,).
-        nnz: entries of each row, int32 (n,).
-        adr: where they begin, int32 (n,).
-        col: their degrees of freedom, int32.
+        of: index of each contact in `Found`, int64 (k,).
+        first: first row of each contact, int32 (k,).
+        sizes: number of rows of each contact, int32 (k,).
+        nnz: number of entries of each row, int32 (n,).
+        adr: index of the first entry of each row, int32 (n,).
+        col: degree of freedom of each entry, int32.
         val: the entries.
     """
 
@@ -59,7 +59,7 @@ class Rows(NamedTuple):
 
 @plain
 def _count(w, found, reached, jacobian, frictional, mark):
-    """Return numbers of contacts, rows and entries that have room for the rows of contacts; mark is False, (ntree,)."""
+    """Return the number of contacts, of their rows, and the largest number of entries; `mark` is False, (ntree,)."""
     dim, mu = contact_ints(w, CONTACT.dim, 1)[:, 0], contact_floats(w, CONTACT.friction, 5)
     nnz, adr, col, _ = jacobian
     tree, num = model_ints(w, MODEL.dof_treeid, w.nv), model_ints(w, MODEL.tree_dofnum, len(mark))
@@ -84,7 +84,7 @@ def _count(w, found, reached, jacobian, frictional, mark):
 
 @plain
 def _mix(found, i, d, scale, nnz, adr, val, mixed):
-    """Write one row of a contact of MuJoCo's: along the normal, or a tangent times its coefficient of friction."""
+    """Write a row of a contact from MuJoCo's: along the normal, or a tangent times its coefficient of friction."""
     row = found.row[i]
     if found.paired[i]:
         one, other = adr[row + 2 * max(d - 1, 0)], adr[row + 2 * max(d - 1, 0) + 1]
@@ -98,7 +98,7 @@ def _mix(found, i, d, scale, nnz, adr, val, mixed):
 
 @plain
 def _fill(w, found, jacobian, reached, root, frictional, mark, work, mixed, rows):
-    """Write the rows of the contacts that are reached, and return the number of entries."""
+    """Write the rows of the `reached` contacts, and return the number of entries."""
     nnz, adr, col, val = jacobian
     dim, mu = contact_ints(w, CONTACT.dim, 1)[:, 0], contact_floats(w, CONTACT.friction, 5)
     frame, trees = contact_floats(w, CONTACT.frame, 9), len(mark)
@@ -132,7 +132,7 @@ def _fill(w, found, jacobian, reached, root, frictional, mark, work, mixed, rows
 
 @once
 def read(w, found, jacobian, reached, root, frictional):
-    """Return `Rows` of the contacts that are reached, bool (h,), which live as long as the function that asks for them.
+    """Return `Rows` of the `reached` contacts, bool (h,), which are valid until the function that calls this returns.
 
     ``root`` is ``D^-1/2``, (nv,).
     """
@@ -145,7 +145,7 @@ def read(w, found, jacobian, reached, root, frictional):
 
 @plain
 def _couples(rows, work, length, g, other):
-    """Return whether rows of another contact, scattered to work one by one, meet those of a contact."""
+    """Return whether the impulse of contact `other` changes the velocity of contact g; work is zeros, (nv,)."""
     for i in range(rows.first[other], rows.first[other] + rows.sizes[other]):
         for a in range(rows.adr[i], rows.adr[i] + rows.nnz[i]):
             work[rows.col[a]] = rows.val[a]
@@ -164,16 +164,16 @@ def _couples(rows, work, length, g, other):
 
 @plain
 def _reach(rows, gamma, speed, reached, work, length, queue):
-    """Write the contacts that `reached_by` returns, and return how many there are.
+    """Write the contacts that `reached_by` returns into `queue`, and return their number.
 
     Args:
-        rows: of contacts.
-        gamma: of all contacts, (h,).
-        speed: m/s or rad/s.
-        reached: False, (k,).
+        rows: the rows of contacts.
+        gamma: velocities of all contacts, (h,).
+        speed: closing speed above which a contact collides, m/s or rad/s.
+        reached: False before, (k,), written.
         work: zeros, (nv,).
-        length: room, (n,).
-        queue: room, (k,), where they are in the end.
+        length: scratch space, (n,).
+        queue: the contacts, (k,), written.
     """
     k, end, at = len(reached), 0, 0
     for g in range(k):
@@ -201,9 +201,9 @@ def _reach(rows, gamma, speed, reached, work, length, queue):
 
 @once
 def reached_by(rows, gamma, speed, nv):
-    """Return the contacts that an impulse of one that is faster than speed can reach through others, int64.
+    """Return the contacts that the impulses of contacts closing faster than `speed` reach, through others too, int64.
 
-    They live as long as the function that asks for them.
+    The array is valid until the function that calls this returns.
     """
     queue = indices(len(rows.of))
     end = _reach(rows, gamma, speed, cleared(len(queue)), zeros(nv), numbers(len(rows.nnz)), queue)
@@ -212,9 +212,9 @@ def reached_by(rows, gamma, speed, nv):
 
 @kernel
 def influenced(rows, g, nv, queue):
-    """Write the contacts that an impulse of a contact can reach through others, that one among them; return how many.
+    """Write the contacts that the impulse of contact g reaches, through others too, and g; return their number.
 
-    ``queue`` is room, (k,).
+    ``queue`` is written, (k,).
     """
     k = len(rows.of)
     gamma = zeros(rows.of[k - 1] + 1)  # as if that contact alone collided
@@ -224,7 +224,7 @@ def influenced(rows, g, nv, queue):
 
 @once
 def everyone(rows):
-    """Return all contacts, int64; they live as long as the function that asks for them."""
+    """Return all contacts, int64, as an array that is valid until the function that calls this returns."""
     queue = indices(len(rows.of))
     for g in range(len(queue)):
         queue[g] = g

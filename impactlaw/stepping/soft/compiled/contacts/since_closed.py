@@ -1,4 +1,4 @@
-"""Bodies that collide are put where MuJoCo's contacts do not push beside the law; see `soft.since_closed`."""
+"""Move colliding bodies where MuJoCo's contacts would push beside the law, compiled; see `soft.since_closed`."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 
 @plain
 def _push(w, found, i, wanted):
-    """Return how fast a contact alone would be accelerated along its normal; below 0 it pushes nothing, m/s^2."""
+    """Return the normal acceleration that a contact by itself asks for, m/s^2; at 0 or less it does not push."""
     row, contact = found.row[i], found.contact[i]
     if contact < 0:
         return wanted[row]
@@ -53,7 +53,7 @@ def _push(w, found, i, wanted):
 
 @plain
 def _find_wanted(w, after, wanted):
-    """Write the reference accelerations that rows would have at other velocities, (nefc,)."""
+    """Write the reference accelerations that rows would have at the velocities `after`, (nefc,)."""
     n = number(w, DATA.nefc)
     table, gap, margin = (
         rows_of(w, DATA.efc_KBIP, n, 4),
@@ -66,7 +66,7 @@ def _find_wanted(w, after, wanted):
 
 @plain
 def _since(w, law, found, i, closing, opening, wanted):
-    """Return how long ago a contact has closed, a timestep at most; 0 if it opens without MuJoCo's force, or not."""
+    """Return the time since a contact has closed, at most a timestep; 0 if it does not open, or is not pushed."""
     row, n = found.row[i], number(w, DATA.nefc)
     depth = data_floats(w, DATA.efc_margin, n)[row] - data_floats(w, DATA.efc_pos, n)[row]
     if not (closing[i] < -law.rest_speed and opening[i] > OPENING * law.rest_speed and depth > 0.0):
@@ -78,7 +78,7 @@ def _since(w, law, found, i, closing, opening, wanted):
 
 @kernel
 def _move(w, found, since, before):
-    """Move each island by its change of velocity over the longest time since one of its contacts has closed."""
+    """Move each island by its change of velocity times the longest time since one of its contacts has closed."""
     n, many, tree = number(w, DATA.nefc), size(w, MODEL.ntree), model_ints(w, MODEL.dof_treeid, w.nv)
     (nnz, adr, col, val), island, longest = jacobian_of(w), indices(many), zeros(many)
     join_trees(data_ints(w, DATA.efc_type, n), data_ints(w, DATA.efc_id, n), nnz, adr, col, val, tree, island)
@@ -102,9 +102,9 @@ def put_back(w, law, before):
     """Put bodies where they would be if the law had acted when their contacts closed, and update positions.
 
     Args:
-        w: the world, after the collisions; all but its velocity is that before.
+        w: the world with the velocity after the collisions; everything else is still as before them.
         law: see `world.Law`.
-        before: the velocity before, (nv,).
+        before: the velocity before the collisions, (nv,).
     """
     n, found = number(w, DATA.nefc), find(w, law.bilateral[:0])
     h, after, wanted = len(found.row), numbers(n), numbers(n)

@@ -1,4 +1,4 @@
-"""Rows of friction of contacts whose tangents MuJoCo does not lay in the tangent plane, in compiled code.
+"""Friction rows of contacts whose tangents in MuJoCo are not orthogonal to the normal, in compiled code.
 
 See `scene.frames`.
 """
@@ -13,20 +13,20 @@ from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import contact_floats, contact_ints, model_ints, size
 from impactlaw.stepping.compiled.fields import CONTACT, MODEL, address_of, keep
 
-_TORSION = 3  # rows of a contact are the normal, two of sliding, one of torsion, two of rolling
+_TORSION = 3  # index of the torsion row; the rows are the normal, two of sliding, one of torsion, two of rolling
 
 
 @kernel
 def write_row(w, c, d, mu, col, row):
-    """Write a row of friction, times its coefficient, along an axis that is orthogonal to the others.
+    """Write a friction row, times its coefficient, along an axis of an orthogonal contact frame.
 
     Args:
         w: the world.
         c: the contact.
-        d: which of its rows.
-        mu: the coefficient.
-        col: degrees of freedom of its rows, (k,).
-        row: written, (k,) or more.
+        d: index of the row in the contact.
+        mu: the coefficient of friction.
+        col: degrees of freedom of the rows, (k,).
+        row: the entries, (k,) or more, written.
     """
     frame, point, body = numbers(9).reshape((1, 9)), numbers(3), model_ints(w, MODEL.geom_bodyid, size(w, MODEL.ngeom))
     frame[0] = contact_floats(w, CONTACT.frame, 9)[c]

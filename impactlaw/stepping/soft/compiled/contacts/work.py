@@ -1,4 +1,4 @@
-"""What each contact of a collision does, in compiled code: its work, and whether it has a distant effect."""
+"""The work of each contact in a collision, and distant effects, in compiled code."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ def work_of_each(rows, members, x, z, before, smallest, done):
     """Write the work of each contact of a collision, J, and return whether one of them has a distant effect.
 
     Args:
-        rows: whitened.
+        rows: the whitened rows.
         members: contacts that take part, int64 (k,).
         x: impulses of all rows, (n,).
-        z: jump of the velocity, whitened, (nv,).
-        before: velocities of rows before it, (n,).
+        z: whitened velocity jump, (nv,).
+        before: velocities of rows before the collision, (n,).
         smallest: whitened velocity up to which an impulse or a mean velocity is rounding.
-        done: written, (k,).
+        done: the work, (k,), written.
     """
     distant = False
     for j in range(len(members)):
@@ -39,14 +39,16 @@ def work_of_each(rows, members, x, z, before, smallest, done):
 
 @kernel
 def most_gained(rows, members, done, allowed, nv):
-    """Return the largest work, J, of contacts that influence each other; any that is allowed if none does more.
+    """Return the largest work, J, of a group of contacts that influence each other.
+
+    If no group can do more than `allowed`, an upper bound of it that does not exceed `allowed` is returned.
 
     Args:
-        rows: whitened.
+        rows: the whitened rows.
         members: contacts that take part, int64 (k,).
-        done: work of each, (k,).
-        allowed: what may be rounding, J.
-        nv: degrees of freedom.
+        done: work of each contact, (k,).
+        allowed: work that may be rounding, J.
+        nv: number of degrees of freedom.
     """
     total, k = 0.0, len(members)
     for work in done:
@@ -61,7 +63,7 @@ def most_gained(rows, members, done, allowed, nv):
     count = islands(rows.nnz, rows.adr, rows.col, rows.val, freedom, first, sizes, compliance, length, label)
     gained, most = zeros(count + 1), 0.0
     for j in range(k):
-        gained[label[j]] += done[j]  # the last one: what cannot move
+        gained[label[j]] += done[j]  # the last entry is for contacts that cannot move
     for work in gained:
         most = max(most, work)
     return most
