@@ -26,7 +26,7 @@ from impactlaw.stepping.compiled.access import (
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, flags
 
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
-_MOST = 2e7  # operations for the constraints of a step (hundreds of them) above which nothing is looked for
+_MOST = 2e7  # operations for the constraints of a step (hundreds of them) above which no contact counts as tied
 
 
 @plain

@@ -5,10 +5,10 @@ to move the configuration q once, by the smallest shift d in the kinetic metric 
 
     min d^T M d,   gap(q + d) >= 0.
 
-It is found by Gauss-Newton on the gaps, with M at the configuration that was reached. If contacts jump between points
-of faces, so that the iteration does not settle, the remaining overlap is opened by the smallest shift from there.
-Bodies share a shift by their inertia, as they would share an impulse. Equality constraints keep their violation to
-first order. Velocities stay the same.
+It is found by Gauss-Newton on the gaps, with M at the configuration reached so far. If contacts jump between points of
+faces, so that the iteration does not settle, the remaining overlap is opened by the smallest shift from there. Bodies
+share a shift by their inertia, as they would share an impulse. Equality constraints keep their violation to first
+order. Velocities stay the same.
 """
 
 from __future__ import annotations
@@ -129,7 +129,7 @@ def _smallest_shift(phases: SmoothPhases, start: ContactState) -> ContactState:
 
 
 def _is_far(model: mujoco.MjModel, shift: np.ndarray, reach: float) -> bool:
-    """Return whether a shift, (nv,), is far larger than the overlaps: constraints leave contacts almost no motion."""
+    """Return whether a shift, (nv,), is far larger than the overlaps: then constraints all but prevent opening them."""
     joint = model.jnt_type[model.dof_jntid]
     first = np.arange(model.nv) - model.jnt_dofadr[model.dof_jntid]
     moves = (joint == _SLIDE) | ((joint == _FREE) & (first < 3))

@@ -149,7 +149,7 @@ class RigidStepping:
                     raise
                 if not waits:
                     self._rest.failed()
-                    if len(events) > _MANY * self._collider.most:  # each of them has only part of the energy by now
+                    if len(events) > _MANY * self._collider.most:  # the energy amid them may be distributed in any way
                         self.crowded = True
                         self._begun = _Begun(state, self._options.timestep, 0)
                 return self._finish(data, self._rest, events, opens=not isinstance(error.__cause__, mujoco.FatalError))
@@ -331,7 +331,7 @@ class RigidStepping:
         return start.moving()
 
     def _check_driven(self, new: list[ImpactEvent]) -> None:
-        """Raise `UnfinishedStepError` where the drift of equality constraints, slow as it is, drives a collision."""
+        """Raise `UnfinishedStepError` if the drift of equality constraints drives a collision, however slow it is."""
         for event in new if self._rest is not None else ():
             impact, known = event.impact, event.impact.collision
             if known.bilateral_jacobian is None or known.surface_velocity is not None:
@@ -351,7 +351,7 @@ class RigidStepping:
         """Raise `UnfinishedStepError` if E = 0 after max_events collisions has taken more energy than rounding."""
         if self._rest is not None and count > self._collider.most:
             impact = new[-1].impact
-            pushed = self._options.timestep * impact.collision.metric.norm(data.qacc)  # of all forces but contact
+            pushed = self._options.timestep * impact.collision.metric.norm(data.qacc)  # by all forces except contact
             lost = -impact.energy_change
             if lost > _ENDED * impact.collision.kinetic_energy and impact.intensity > pushed:
                 raise UnfinishedStepError(f"more than {self._collider.most} collisions in a step")

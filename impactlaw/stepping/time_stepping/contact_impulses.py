@@ -144,7 +144,7 @@ class ContactProblem:
             free: velocity without contact, (nv,).
             middle: configuration in the middle of the step, (nq,).
             metric: the inertia of the step.
-            known: impulses of the last step, a guess.
+            known: impulses of the last step, as initial guess.
             rounds: rounds of the slower solvers.
             left: remaining part of the work allowed in the step, (1,), see `solvers.cones.budget.spend`.
             phases: whether contacts may collide one after another.
@@ -301,7 +301,7 @@ class ContactProblem:
     def _ask_law(
         self, seen: Seen, velocity: np.ndarray, target: np.ndarray, sliding: np.ndarray, collides: np.ndarray
     ) -> bool:
-        """Write the law's targets for colliding contacts, and for closed ones they reach if the law looks at all.
+        """Write the law's targets for colliding contacts, which include closed ones they reach if the law needs these.
 
         Return whether the law couples contacts that do not influence each other.
         """

@@ -1,4 +1,4 @@
-"""What the contacts of a step have done: impulses, and collisions as they were met, resolved when asked for."""
+"""Results of the contact problem of a step: impulses, and collisions, which become events when they are read."""
 
 from __future__ import annotations
 
@@ -23,34 +23,34 @@ from impactlaw.stepping.time_stepping.problem.seen import Seen, in_order
 from impactlaw.stepping.time_stepping.tolerances import DRIVEN, is_met
 
 Known = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""Groups, keys, coefficients of friction and impulses of a step, and its `turns`."""
+"""Groups, keys, coefficients of friction, impulses and `turns` of an earlier step or phase: an initial guess."""
 Metric = tuple[np.ndarray, np.ndarray]
 """L and ``1 / D`` of the mass matrix of a step, ``M_h = L^T D L``."""
-_ROUNDING = 1e-12  # part of the energy of all
+_ROUNDING = 1e-12  # energy that counts as rounding, relative to the kinetic energy of all bodies
 
 
 @dataclass(frozen=True, eq=False)
 class CollisionRecord:
-    """What collides in a step: everything that the event is made of, copied.
+    """A collision in a step: copies of everything that its event needs.
 
-    The event is the collision by itself, at the velocity of the start of the step and without the other forces of the
-    step: ``v+ = v- + M_h^-1 J^T Lambda`` reaches the same contact velocities as the step. Equality constraints that
-    collisions may violate, such as servos, are among these forces. So are those that move against themselves and would
-    drive the collision if they kept that, or lock what collides: in the step they give way, see
+    The event describes the collision by itself, at the velocity of the start of the step and without the other forces
+    of the step: ``v+ = v- + M_h^-1 J^T Lambda`` reaches the same contact velocities as the step. The other forces
+    include equality constraints that collisions may violate, such as servos. They also include constraints that drift
+    and would drive the collision, or lock it, if they kept their velocity: in the step these give way, see
     `problem.solution.driven`.
     """
 
-    seen: Seen  # contacts, rows and inertia of the middle of the step
-    collides: np.ndarray  # the groups that do, bool (g,)
-    pushed: np.ndarray  # those with an impulse, bool (g,)
-    time: float  # of the middle of the step, s
-    qpos: np.ndarray  # configuration there, (nq,)
+    seen: Seen  # contacts, rows and inertia in the middle of the step
+    collides: np.ndarray  # groups that collide, bool (g,)
+    pushed: np.ndarray  # groups with an impulse, bool (g,)
+    time: float  # in the middle of the step, s
+    qpos: np.ndarray  # configuration in the middle of the step, (nq,)
     velocity: np.ndarray  # v-, (nv,)
     after: np.ndarray  # velocity at the end of the step, (nv,)
     target: np.ndarray  # ``gamma^h`` of groups, (g,)
-    sliding: np.ndarray  # sliding velocities aimed at, what is left of them, (n,)
-    exact: bool  # exact Coulomb friction, or its convex relaxation
-    # of the law's restitution that was left so that no energy is created, in [0, 1]; the least one, if there are
+    sliding: np.ndarray  # target sliding velocities, scaled like restitution, (n,)
+    exact: bool  # whether friction is exact Coulomb friction, or else its convex relaxation
+    # share of the law's restitution that was kept so that no energy is created, in [0, 1]; the least one if there are
     # several
     share: float
 
@@ -67,15 +67,15 @@ class CollisionRecord:
         return (ImpactEvent(self.time, contacts, impact, self.qpos, projected=projected),)
 
     def _beside(self, acts: np.ndarray, groups: np.ndarray, labels: tuple[str, ...]) -> tuple[Impact, bool | None]:
-        """Do what `beside_constraints` asks for."""
+        """Return the impact beside constraints that act, and whether they lock it, as `beside_constraints` needs."""
         collision = self.seen.collision(groups, self.velocity, labels, friction=True, acts=acts)
         impact = self._impact(collision, groups)
-        if np.array_equal(impact.post_velocity, self.after):  # no impulses meet the law
-            return impact, self._is_met(collision, groups)  # though those of the step may
+        if np.array_equal(impact.post_velocity, self.after):  # no impulses that meet the law were found
+            return impact, self._is_met(collision, groups)  # if the step itself meets it, constraints are the reason
         return impact, None
 
     def _is_met(self, collision: Collision, groups: np.ndarray) -> bool:
-        """Return whether the step has met the law of the contacts that collide."""
+        """Return whether the step has met the law at the contacts that collide."""
         missed = (self.target[groups] - collision.contact_velocity_after(self.after))[self.collides[groups]]
         return is_met(missed.max(initial=0.0), np.abs(collision.pre_contact_velocity).max())
 
@@ -88,7 +88,7 @@ class CollisionRecord:
             except (UnsolvableLawError, SolverError):  # the step went to the nearest point
                 return Impact.observed(collision, self.after)
             impact = Impact.solved(collision, problem, answer, target)
-            if self.share < 1.0:  # not the law's own outcome
+            if self.share < 1.0:  # scaled restitution: not the outcome of the law itself
                 return replace(impact, target_contact_velocity=None)
             return impact
         targets = target, self.sliding[self.seen.tangential(groups)[0]]
@@ -105,15 +105,16 @@ class CollisionRecord:
 def beside_constraints(
     seen: Seen, groups: np.ndarray, resolve: Callable[[np.ndarray], tuple[Impact, bool | None]]
 ) -> tuple[Impact, np.ndarray]:
-    """Return the impact beside all constraints; where they drive or lock it, beside those that the step holds, or none.
+    """Return the impact beside equality constraints, and which of these act in it, bool (g,).
 
-    And return which of them act in it, bool (g,).
+    At first all of them act. In islands in which they drive or lock the collision, only constraints act whose velocity
+    the step keeps; if these drive or lock it, too, no constraint of the island acts.
 
     Args:
-        seen: what collides.
+        seen: contacts and constraints of the collision.
         groups: the contacts, int (h,).
-        resolve: returns the impact beside constraints that act, bool (g,), and whether they lock it; None if that is
-            to be seen from how they move.
+        resolve: returns the impact beside the constraints that act, bool (g,), and whether they lock the collision;
+            None to judge each island by the work of its constraints.
     """
     rows, acts = seen.rows, seen.kept
     impact, locked = resolve(acts)
@@ -132,15 +133,15 @@ def beside_constraints(
 
 
 def _driven_islands(impact: Impact, label: np.ndarray, island: np.ndarray) -> np.ndarray:
-    """Return in which islands equality constraints drive a collision by their motion, bool (islands + 1,), False last.
+    """Return in which islands equality constraints drive a collision by their drift, bool (islands + 1,), False last.
 
-    There they, and also they and its contacts, add more than `DRIVEN` of the energy with which its fastest contact
-    collides, in the motion that they allow.
+    There the constraints alone, and also constraints and contacts together, add more than a part `DRIVEN` of the energy
+    with which the fastest contact collides, in the motion that the constraints allow.
 
     Args:
-        impact: beside the constraints.
-        label: the islands of its contacts, -1 for one that cannot move, (h,).
-        island: those of degrees of freedom, -1 for those in none, (nv,).
+        impact: the impact beside the constraints.
+        label: island of each contact, -1 if it cannot move, (h,).
+        island: island of each degree of freedom, -1 if it is in none, (nv,).
     """
     c, many = impact.collision, max(label.max(initial=-1), island.max(initial=-1)) + 1
     of_contacts, impulse = impact.found_impulse * impact.mean_contact_velocity, c.jacobian.T @ impact.found_impulse
@@ -159,19 +160,19 @@ def _driven_islands(impact: Impact, label: np.ndarray, island: np.ndarray) -> np
 
 @dataclass(frozen=True, eq=False)
 class StepImpulses:
-    """What contact does in a step."""
+    """The effect of contact in a step."""
 
-    impulse: np.ndarray  # of all rows, in units of the problem, (n,)
-    velocity: np.ndarray  # after it, (nv,)
-    shift: np.ndarray  # velocity that opens overlaps beside it, (nv,), or (0,)
+    impulse: np.ndarray  # impulses of all rows, in units of the problem, (n,)
+    velocity: np.ndarray  # velocity with these impulses, (nv,)
+    shift: np.ndarray  # additional velocity that opens overlaps, (nv,), or (0,)
     shortfall: float  # largest amount by which a contact velocity misses its target, m/s or rad/s
     fastest: float  # largest velocity of a row, m/s or rad/s
-    residual: float  # natural map that is left, of friction too, relative to the largest velocity
-    work: float  # of contact, J
-    rounding: float  # what of it is rounding, J
-    collisions: tuple[CollisionRecord, ...]  # of the step, one after another
-    # whether restitution is lost: contacts that are hit only through others were not left for a phase of their own,
-    # bodies jam, or there was no work left to find how much of it creates no energy
+    residual: float  # final natural map, including friction, relative to the largest velocity
+    work: float  # work of contact, J
+    rounding: float  # part of this work that is rounding, J
+    collisions: tuple[CollisionRecord, ...]  # collisions of the step, one after another
+    # whether restitution is lost: contacts that are hit only through others got no phase of their own, bodies jam, or
+    # no work was left to find how much restitution creates no energy
     later: bool
     reached: np.ndarray  # targets of groups, NaN if collisions were one after another, (g,)
-    sliding: np.ndarray  # sliding velocities aimed at, (n,)
+    sliding: np.ndarray  # target sliding velocities, (n,)

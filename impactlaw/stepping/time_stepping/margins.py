@@ -9,11 +9,11 @@ from impactlaw.compiled import compiled
 from impactlaw.solvers.cones.algebra.loops import plain
 
 LEAST = 1e-5
-"""Reach at rest, m or rad: contacts that are held are to be found."""
+"""Least reach, m or rad, with which closed contacts of bodies at rest are found."""
 SLACK = 2.0
-"""Reach over what a body travels in a step: more finds contacts in vain, less has more collisions look twice."""
+"""Ratio of the reach to the travel of a body in a step: more finds contacts in vain, less causes more second looks."""
 ALWAYS = 1e6
-"""Reach, m or rad, within which all limits are."""
+"""Margin, m or rad, with which all limits are found."""
 _PLANE, _FIELD = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD)
 
 
@@ -34,13 +34,15 @@ def write_sizes(size, kind, body_of_geom, position, bound, center):
 def find_sizes(size, kind, body_of_geom, position, bound, center):
     """Write the largest distance of a point of each body's geoms from its center of mass, m, (nbody,).
 
+    Planes and height fields are left out.
+
     Args:
-        size: to be written.
+        size: written.
         kind: MuJoCo's geom_type, (ngeom,).
         body_of_geom: body of each geom, (ngeom,).
-        position: of geoms, from the frames of bodies, (ngeom, 3).
+        position: positions of geoms in the frames of bodies, (ngeom, 3).
         bound: MuJoCo's geom_rbound, (ngeom,).
-        center: centers of mass, from the frames of bodies, (nbody, 3).
+        center: centers of mass in the frames of bodies, (nbody, 3).
     """
     write_sizes(size, kind, body_of_geom, position, bound, center)
 
@@ -65,7 +67,7 @@ def _length(v):
 
 @plain
 def _center_square(velocity, along, arm):
-    """Return the square of how fast a body's center of mass is for one who moves along, from rows of MuJoCo's cvel."""
+    """Return the squared speed of a body's center of mass relative to the motion `along`; both are rows of cvel."""
     w0, w1, w2 = velocity[0] - along[0], velocity[1] - along[1], velocity[2] - along[2]
     v0 = velocity[3] - along[3] + w1 * arm[2] - w2 * arm[1]
     v1 = velocity[4] - along[4] + w2 * arm[0] - w0 * arm[2]
@@ -75,7 +77,7 @@ def _center_square(velocity, along, arm):
 
 @plain
 def _speed(velocity, along, arm, size):
-    """Return how fast a point of a body can be for one who moves along, m/s."""
+    """Return a bound of the speed of points of a body relative to the motion `along`, m/s."""
     w0, w1, w2 = velocity[0] - along[0], velocity[1] - along[1], velocity[2] - along[2]
     return np.sqrt(_center_square(velocity, along, arm)) + np.sqrt(w0 * w0 + w1 * w1 + w2 * w2) * size
 
@@ -88,7 +90,7 @@ def _arm(i, root, center, subtree):
 
 @plain
 def _leader(tree):
-    """Return the first body of the only tree of bodies, or where there are more, the world, 0."""
+    """Return the first body of the only tree of bodies; the world, 0, if there are several trees or none."""
     first = 0
     for i in range(len(tree)):
         if tree[i] > 0:
@@ -100,7 +102,7 @@ def _leader(tree):
 
 @plain
 def _calm_leader(root, tree, center, subtree, velocity):
-    """Return the leader if bodies are slower for it than for the world, else the world."""
+    """Return the leader if bodies are slower relative to it than relative to the world, else the world."""
     leader, slower = _leader(tree), 0.0
     for i in range(len(tree) if leader != 0 else 0):
         if tree[i] == 0:
@@ -112,7 +114,7 @@ def _calm_leader(root, tree, center, subtree, velocity):
 
 @plain
 def _pass_by(leader, root, tree, size, center, subtree, velocity):
-    """Return how fast points of the world pass by where bodies of the leader's tree are, m/s, for who moves along."""
+    """Return a bound of the speed of the world relative to the leader, at points of its tree's bodies, m/s."""
     far, largest, at = 0.0, 0.0, (0.0, 0.0, 0.0)
     for i in range(len(tree)):
         if tree[i] == 0:
@@ -125,20 +127,20 @@ def _pass_by(leader, root, tree, size, center, subtree, velocity):
 def outruns(
     body_margin, geom_margin, body_of_geom, root, tree, size, center, subtree, velocity, timestep
 ):  # fmt: skip
-    """Return whether some body moves farther in a timestep than contacts were looked for.
+    """Return whether a body moves farther in a timestep than contacts were looked for.
 
-    It does not if it does not for one who moves along with the leader.
+    It must do so relative to the world, and also in the frame of the leader, in which the world moves, too.
 
     Args:
-        body_margin: that they were looked for with, m, (nbody,).
-        geom_margin: the same of geoms, which is less where another geom of the body has a gap, (ngeom,).
-        body_of_geom: see `set_margins`, like the six that follow.
-        root: the body on the world that carries each body.
-        tree: of bodies.
-        size: of bodies.
-        center: of bodies.
-        subtree: centers of mass.
-        velocity: MuJoCo's cvel, of what contact has led to, (nbody, 6).
+        body_margin: margins of bodies with which contacts were looked for, m, (nbody,).
+        geom_margin: margins of geoms, which are smaller if another geom of the body has a gap, m, (ngeom,).
+        body_of_geom: see `set_margins`.
+        root: see `set_margins`.
+        tree: see `set_margins`.
+        size: see `set_margins`.
+        center: see `set_margins`.
+        subtree: see `set_margins`.
+        velocity: MuJoCo's cvel for the velocity after contact, (nbody, 6).
         timestep: h, s.
     """
     leader, margins = _leader(tree), (body_margin, geom_margin, body_of_geom)
@@ -219,31 +221,33 @@ def set_margins(
 ):  # fmt: skip
     """Write margins of bodies, geoms, pairs, joints and tendons, m or rad, for one step.
 
-    MuJoCo adds up the margins of two geoms: each is what its own body can travel in the step, and some more. Where
-    all that moves is one tree, it is what they travel for one who moves along with the first body of that, if this is
-    less: a robot that falls does not find all parts of its own. The world has a margin there, too, for it passes by.
-    Limits of joints and tendons are always found; those that are far are left out by `rows.read_rows`.
+    MuJoCo adds up the margins of two geoms: each is `SLACK` times the distance that the body of the geom can travel in
+    the step. If all moving bodies belong to one tree, their motion is taken relative to the first body of that tree, if
+    this is slower: then a falling robot does not find contacts between all of its own parts. In this case the world
+    gets a margin, too, since it moves relative to the robot. Limits of joints and tendons are always found; those that
+    are far are left out by `rows.read_rows`.
 
     Args:
-        body_margin: to be written, like the other margins, (nbody,).
-        geom_margin: (ngeom,).
-        geom_gap: what MuJoCo would look for beyond margins, m, (ngeom,): it becomes a part of them, and 0.
-        pair_margin: (npair,).
-        pair_gap: the same of pairs, m, (npair,).
-        joint_margin: (njnt,).
-        tendon_margin: (ntendon,).
+        body_margin: margins of bodies, (nbody,), written.
+        geom_margin: margins of geoms, (ngeom,), written.
+        geom_gap: distance beyond the margins at which MuJoCo looks for contacts, m, (ngeom,); it is added to the
+            margins, and set to 0.
+        pair_margin: margins of pairs, (npair,), written.
+        pair_gap: the same distance for pairs, m, (npair,).
+        joint_margin: margins of limits of joints, (njnt,), written.
+        tendon_margin: margins of limits of tendons, (ntendon,), written.
         body_of_geom: body of each geom, (ngeom,).
         root: the body on the world that carries each body, (nbody,).
-        tree: of each body, or -1 if it has no degrees of freedom, (nbody,).
-        size: `find_sizes`, (nbody,).
+        tree: tree of each body, or -1 if it has no degrees of freedom, (nbody,).
+        size: result of `find_sizes`, (nbody,).
         center: centers of mass of bodies, (nbody, 3).
         subtree: centers of mass of subtrees, (nbody, 3).
         velocity: MuJoCo's cvel, about the center of mass of the tree, (nbody, 6).
-        led_to: the same where forces lead without contact, (nbody, 6).
-        mocap: which mocap body each body is, or -1, (nbody,).
-        surface_speed: of the fastest point of mocap bodies, m/s.
+        led_to: cvel for the velocity to which forces lead without contact, (nbody, 6).
+        mocap: index of the mocap body that each body is, or -1, (nbody,).
+        surface_speed: speed of the fastest point of mocap bodies, m/s.
         timestep: h, s.
-        gravity: its magnitude, m/s^2.
+        gravity: magnitude of gravity, m/s^2.
     """
     write_margins(
         body_margin, geom_margin, geom_gap, pair_margin, pair_gap, joint_margin, tendon_margin, body_of_geom, root,
