@@ -292,7 +292,7 @@ SLIPPING = """<mujoco><compiler angle="radian"/><option timestep="0.002" gravity
 
 @pytest.mark.parametrize("way", scenes.WAYS)
 def test_limit_that_a_slow_drift_of_a_constraint_closes_does_not_drive_the_rest(way):
-    """The slip of 3 mm per radian drifts at 0.05 m/s into its end: a knee that took it back would turn at 32 rad/s."""
+    """A slip of 3 mm per radian drifts into its limit at 0.05 m/s; to reverse it, the knee would turn at 32 rad/s."""
     model = mujoco.MjModel.from_xml_string(SLIPPING)
     data = mujoco.MjData(model)
     data.qvel[:] = -1.0, -0.05

@@ -277,7 +277,7 @@ CHUTE = """<mujoco><option timestep="0.002" gravity="0 0 0" cone="{cone}"/><worl
 @pytest.mark.parametrize("side", [-1, 1])
 @pytest.mark.parametrize("cone", ["pyramidal", "elliptic"])
 def test_ball_that_is_led_along_an_edge_of_its_pyramid_of_friction_is_not_tied(way, side, cone):
-    """The constraint leaves the normal free, and takes all of an edge, which is one of MuJoCo's rows."""
+    """The constraint does not restrict the normal, but blocks one edge of the pyramid, which is a row of MuJoCo."""
     model = mujoco.MjModel.from_xml_string(CHUTE.format(cone=cone, side=side))
     data = mujoco.MjData(model)
     data.qvel[:] = -0.4 * side, -0.4, -0.4 * np.sqrt(2.0)
@@ -290,7 +290,7 @@ def test_ball_that_is_led_along_an_edge_of_its_pyramid_of_friction_is_not_tied(w
 
 
 def test_compiled_soft_steps_and_those_in_python_know_the_same_contacts_as_tied():
-    """Two pins next to each other, of bodies that are turned: how many of their rows count is a matter of rank."""
+    """Two pins close to each other join bodies that are turned: which rows are independent depends on the rank test."""
     pin = '<connect body1="a" body2="b" anchor="{}"/>'
     pins = pin.format(".0768 -.066 -.007") + pin.format(".0736 -.0717 -.0071")
     scene = PAIR.format(shape="sphere", equality=pins).replace(".1 .05 .05", ".1").replace('pos=".2', 'pos=".15')

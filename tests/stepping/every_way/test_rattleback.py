@@ -1,4 +1,4 @@
-"""A celt, or rattleback, which turns back when it is spun against its inertia, under every rigid way to step."""
+"""A celt, or rattleback, that is spun in one of the two directions reverses its spin, under every rigid way to step."""
 
 import mujoco
 import numpy as np
@@ -17,20 +17,21 @@ INERTIA = TURN @ np.diag(MASS / 5 * (SQUARES.sum() - SQUARES)) @ TURN.T
 
 
 def lowest(up):
-    """Return the point of the ellipsoid that touches the ground, from its centre; all is in its own frame."""
+    """Return the vector from the centre of the ellipsoid to the point that touches the ground, in its own frame."""
     return -SQUARES * up / np.sqrt(up @ (SQUARES * up))
 
 
 def rolling(_, state):
     """Return the rates of the vertical and of the angular velocity w of an ellipsoid that rolls without sliding.
 
-    Its centre has the velocity ``v = r x w``, ground pushes at r, and ``I w' + w x I w = r x m (v' + w x v + g up)``.
+    Its centre has the velocity ``v = r x w``, the ground acts on it at r, and
+    ``I w' + w x I w = r x m (v' + w x v + g up)``.
     """
     up, w = state[:3], state[3:]
     turns, r = np.cross(up, w), lowest(up)
     size = np.sqrt(up @ (SQUARES * up))
     r_rate = -SQUARES * turns / size + SQUARES * up * (up @ (SQUARES * turns)) / size**3
-    known = np.cross(r_rate, w) + np.cross(w, np.cross(r, w)) + G * up  # what is left of the force without w'
+    known = np.cross(r_rate, w) + np.cross(w, np.cross(r, w)) + G * up  # the part of the force without w', by mass
     moment = MASS * np.cross(r, known) - np.cross(w, INERTIA @ w)
     around = INERTIA + MASS * ((r @ r) * np.eye(3) - np.outer(r, r))
     return np.concatenate([turns, np.linalg.solve(around, moment)])
@@ -39,7 +40,7 @@ def rolling(_, state):
 @pytest.mark.parametrize("way", RIGID)
 @pytest.mark.parametrize(("spin", "end", "tolerance"), [(-3.0, 3.0, 0.05), (3.0, 3.0, 0.005)])
 def test_a_celt_turns_back_from_one_spin_only(way, spin, end, tolerance):
-    """Its spin about the vertical, rad/s, at four times within 3 s, against equations that keep its energy."""
+    """Its spin about the vertical, rad/s, at four times within 3 s, is compared with that of rolling without losses."""
     inertia = " ".join(str(INERTIA[i]) for i in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
     body = f'<inertial pos="0 0 0" mass="{MASS}" fullinertia="{inertia}"/><geom type="ellipsoid" size=".1 .02 .02"/>'
     world = f'<geom type="plane" size="9 9 1"/><body pos="0 0 .02"><freejoint/>{body}</body>'

@@ -97,7 +97,7 @@ def test_constraints_that_give_way_do_not_drive_collisions(e, way):
 
 @pytest.mark.parametrize("compiled", ["auto", "never"])
 def test_sums_tell_what_constraints_that_drift_do(compiled):
-    """Two masses on a rod, of which one hits the floor: what the rod's drift u does is its impulse times u."""
+    """One of two masses on a rod hits the floor; the work of the rod's drift u is its impulse times u."""
     model = mujoco.MjModel.from_xml_string(
         """<mujoco><option timestep="0.002" gravity="0 0 0"/><worldbody><geom type="plane" size="9 9 1"/>
         <body name="a" pos="0 0 .1"><joint type="slide" axis="0 0 1"/><geom size=".1" mass="1" condim="1"/></body>

@@ -1,4 +1,4 @@
-"""What slides on, or is on a spring too stiff for the timestep, leaves with the coefficient of the law."""
+"""A body that slides, or whose contact is too stiff for the timestep, leaves with the law's restitution."""
 
 import itertools
 
@@ -22,7 +22,7 @@ LIMIT = """<mujoco><option timestep="0.005" gravity="0 0 0"/><worldbody><body><j
 
 
 def scene(solref=SOFT, *, timestep=2e-3, integrator="Euler", cone="elliptic", condim=3, share=0.5):
-    """Return the model, and data in which both fall at 0.3 m/s and slide at 3 m/s, the ball a little later."""
+    """Return the model, and data in which box and ball fall at 0.3 m/s and slide at 3 m/s; the ball lands later."""
     model = mujoco.MjModel.from_xml_string(
         SCENE.format(timestep=timestep, integrator=integrator, cone=cone, condim=condim, solref=solref)
     )
@@ -67,7 +67,7 @@ def test_each_is_where_it_would_be_since_its_contact_closed(compiled):
 
 @pytest.mark.parametrize("compiled", COMPILED)
 def test_nothing_is_moved_where_nothing_would_push(compiled):
-    """A ball that does not slide leaves as it did: its depth and its energy are kept."""
+    """A ball that does not slide is not shifted: it leaves from its depth, and its energy is right."""
     model, data = scene()
     data.qvel[[0, 6]] = 0.0
     stepper = Stepper(model, Moreau(0.9), contact_model="soft", compiled=compiled)

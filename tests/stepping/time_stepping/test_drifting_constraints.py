@@ -176,7 +176,7 @@ def test_gears_that_drift_are_in_the_collision_that_is_told_where_they_do_not_dr
 
 @pytest.mark.parametrize("compiled", ["auto", "never"])
 def test_a_limit_that_a_constraint_locks_is_told_without_it_and_without_what_forces_do_elsewhere(compiled):
-    """No impulse opens a limit that is locked; where the step meets its law all the same, the constraint gives way."""
+    """No impulse opens a locked limit; if the step meets its law all the same, the event is without the constraint."""
     slides = "".join(
         f'<body pos="0 {i} 0"><joint name="{name}" type="slide" axis="1 0 0" {more}/><geom size=".1" mass="1"/></body>'
         for i, (name, more) in enumerate([("locked", 'range="-.001 1"'), ("driven", "")])
@@ -195,7 +195,7 @@ def test_a_limit_that_a_constraint_locks_is_told_without_it_and_without_what_for
 
 
 def _both_hit(law, drift):
-    """Return v+ of such gears where both hit a limit, the energy before and after, and the impact."""
+    """Return v+ of such gears after both hit a limit, the energy before and after, and the impact."""
     bodies, coupling = _geared(0)
     bodies = bodies.replace('name="geared0" type="slide"', 'name="geared0" range="0 9" type="slide"')
     model, data = compile_scene(bodies, f"<equality>{coupling}</equality>", option='gravity="0 0 0" timestep=".002"')
@@ -208,7 +208,7 @@ def _both_hit(law, drift):
 
 @pytest.mark.parametrize("drift", [0.2, 0.5])
 def test_gears_that_give_way_do_not_drive_the_collision_that_a_law_is_asked_about(drift):
-    """Poisson's law knows a collision as a whole; equal coefficients make Moreau's outcome of it."""
+    """Poisson's law is asked about the whole collision; with equal coefficients its outcome is Moreau's."""
     after, _, _, impact = _both_hit(Poisson(0.9), drift)
     np.testing.assert_allclose(after, [0.9, 18.0 * (1.0 - drift)], rtol=1e-9)
     np.testing.assert_allclose(impact.post_velocity, after, rtol=1e-9)
@@ -216,7 +216,7 @@ def test_gears_that_give_way_do_not_drive_the_collision_that_a_law_is_asked_abou
 
 @pytest.mark.parametrize("drift", [0.05, 0.2, 0.5])
 def test_gears_do_not_drive_a_collision_whose_law_is_scaled(drift):
-    """With all of its restitution this law creates 4 900 J, of which the gears take some; without, they add some."""
+    """With full restitution this law creates 4 900 J, of which gears take a part; without it the gears add energy."""
     _, before, after, impact = _both_hit(Fremond([[0.5, 0.3], [0.3, 0.5]]), drift)
     assert after < before * (1.0 + 1e-2)
     assert impact.energy_change < 1e-2 * before

@@ -139,7 +139,7 @@ def test_equality_constraints_hold_while_bodies_are_pushed():
 
 
 def test_rods_that_overlap_in_the_pin_that_joins_them_are_not_turned():
-    """Watt's linkage of rods: no motion that the pin allows opens them, but for the rounding of their gradient."""
+    """Watt's linkage of rods: no motion that the pin allows opens the overlap; only rounding leaves it a gradient."""
     rod = '<geom type="capsule" size="{size}" mass="1" fromto="0 0 0 {end}"/>'
     left = rod.format(size=0.06, end="2 1.5 0")
     middle = f'<body name="middle" pos="2 1.5 0"><joint axis="0 0 1"/>{rod.format(size=0.055, end="2 -.5 0")}</body>'

@@ -277,7 +277,7 @@ def test_errors_of_the_engine_are_exceptions():
 
 
 def test_linkage_that_is_thrown_into_its_limit():
-    """What its constraint aims at depends on velocity, and is computed again where limits are looked for once more."""
+    """The constraint's reference depends on velocity, and is computed again when limits are looked for once more."""
     bar = '<joint axis="0 1 0"/><geom type="capsule" size=".03" fromto="0 0 0 0 0 -.5" contype="0" conaffinity="0"/>'
     limited = bar.replace('axis="0 1 0"', 'name="crank" axis="0 1 0" range="-60 60"')
     xml = f"""<mujoco><option timestep="0.01"/><worldbody>

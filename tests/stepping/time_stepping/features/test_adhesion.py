@@ -55,7 +55,7 @@ def test_adhesion_reaches_as_far_as_the_gaps_of_both(away, pulled, how):
 
 @pytest.mark.parametrize("how", ["auto", "never"])
 def test_what_a_collision_throws_is_looked_for_though_another_geom_of_it_has_a_gap(how):
-    """A ball is hit, and thrown at a wall within the step; the gap is of a pad that touches nothing."""
+    """A ball is hit, and thrown at a wall within the step; only a pad of the ball that never touches has a `gap`."""
     world = """<body><joint type="slide" axis="1 0 0"/><geom name="a" size=".05" mass="1"/></body>
         <body name="b" pos=".12 0 0"><joint type="slide" axis="1 0 0"/><geom name="b" size=".05" mass="1"/>
           <geom size=".01" pos="0 0 .2" mass="0" gap="1" contype="0" conaffinity="0"/></body>

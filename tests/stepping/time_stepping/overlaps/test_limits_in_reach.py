@@ -71,7 +71,7 @@ _LINKAGE = """<mujoco><option timestep="0.002" gravity="0 0 0"/><default><geom c
 
 @pytest.mark.parametrize("force", [0.0, 2e4])
 def test_linkage_turns_on_where_another_joint_is_driven_past_a_limit_that_was_left_out(force):
-    """The slide has no part in what the linkage does, but its limit is found in the middle of that step."""
+    """The slide does not influence the linkage, but its limit is found only in the middle of the step."""
     model = mujoco.MjModel.from_xml_string(_LINKAGE)
     ends = []
     for how, pushed in (("auto", force), ("never", 0.0)):
