@@ -43,7 +43,7 @@ _UNSOLVED = SolverError, UnsolvableLawError, UnfinishedStepError
 
 
 class _Resolved(NamedTuple):
-    """The velocity after collisions, None if none was found, the collisions, and whether they lost restitution."""
+    """The velocity after collisions (None if it was not found), the collisions, and whether they lost restitution."""
 
     velocity: np.ndarray | None
     events: list[ImpactEvent]
@@ -148,7 +148,7 @@ class Collisions:
             return _Resolved(velocity, events, is_short=True)
 
     def _is_too_much(self, data: mujoco.MjData) -> bool:
-        """Return whether collisions with friction would exceed the allowed work by the inertia of all bodies alone."""
+        """Return whether the inertia of all bodies alone would exceed the work allowed for collisions with friction."""
         if not self.friction or not isinstance(self.collider.law, Coulomb) or not (data.contact.dim > 1).any():
             return False
         self._work.begin()

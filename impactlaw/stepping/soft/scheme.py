@@ -219,7 +219,7 @@ class SoftStepping:
             mj_implicit(self._model, data)
 
     def _finish_step(self, data: mujoco.MjData, stage: int) -> None:
-        """Do what follows the velocity stage; first update that, if `stage`, the last current one, is another."""
+        """Take the part of a step after the velocity stage; first update that stage if it is not current."""
         model = self._model
         if stage != VELOCITY:
             self._update_velocity(data)

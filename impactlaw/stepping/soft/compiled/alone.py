@@ -28,7 +28,7 @@ def _delassus(rows, chosen, n, work, G):
 
 @plain
 def _choose(rows, first, count, b, chosen):
-    """Write the rows along which bodies can move and return their number; 0 if another row has a velocity."""
+    """Write the rows along which bodies can move and return their number; 0 if another row has a nonzero velocity."""
     n, normal = 0, 0.0
     for i in range(first, first + count):
         square = 0.0

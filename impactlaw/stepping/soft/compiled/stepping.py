@@ -139,7 +139,7 @@ class CompiledSoftStepping:
         return together(parts)
 
     def _go_on(self, how: int, data: mujoco.MjData, steps: int, parts: list[Any]) -> int:
-        """Do what compiled code has left to Python, and return the number of steps taken."""
+        """Take the step that compiled code has left, or look up a coefficient; return the number of steps taken."""
         if how == world.UNKNOWN:
             self._coefficients.learn(int(self._context[CONTEXT.asked]))
             self._write_context()

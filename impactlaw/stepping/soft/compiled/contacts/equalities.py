@@ -24,7 +24,7 @@ _CLEAR = 1.65 * OWN_CONSTRAINT
 The volume is the product of the singular values; without the smallest one the product is at most sqrt(e) = 1.65.
 """
 _ORTHOGONAL = 1e-15  # cosine between two rows up to which it is rounding
-_SWEEPS = 30  # largest number of sweeps of Jacobi's method, which takes ten at most
+_SWEEPS = 30  # sweeps allowed to Jacobi's method, which needs ten at most
 
 
 @plain
@@ -176,7 +176,7 @@ def span(w, bilateral, calm, jacobian, root, basis):
 
 @plain
 def _project(rows, nv, basis, count, adr, nnz, col, val):
-    """Write dense rows without their part along the basis; return False if no part of a normal is left.
+    """Write dense rows without their part along the basis; return whether a part of every normal is left.
 
     Friction rows of which no part is left become 0.
     """
