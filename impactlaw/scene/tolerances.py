@@ -16,7 +16,7 @@ PUT = 20.0
 """Speed, m/s, above which a mocap body that moves farther in a step than its size has been put somewhere else."""
 BLOW = 0.1  # m/s: change of a surface's mean velocity between steps above which it jumps and causes a collision
 
-# --- Equality constraints, which are soft in MuJoCo: their rows are right up to what they have given way. -------------
+# --- Equality constraints. They are soft in MuJoCo: their rows are exact only up to their violation. ------------------
 GIVEN_WAY = 10.0  # factor from the violation, relative to the size of bodies, to the change of rows that is allowed for
 OWN_CONSTRAINT = 1e-2  # singular value above which a row is independent, however far constraints have given way
 WRITTEN = 1e-4

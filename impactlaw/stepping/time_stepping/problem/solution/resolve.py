@@ -71,7 +71,7 @@ def resolve(
     """Resolve the contacts of a step, writing to given arrays; see `resolve_step`.
 
     Written are the impulses, the change of velocity, the velocity that opens overlaps if there are any to open, the
-    targets, the whitened change of velocity, and the sliding velocities reached for, which replace the given ones.
+    targets, the whitened change of velocity, and the target sliding velocities, which replace the given ones.
     Return whether there are overlaps to open, and the numbers of `resolve_step`.
     """
     turned, room = counts(len(target)), numbers(6 * len(x) + 2 * len(target) + 2 * len(z))
@@ -110,7 +110,7 @@ def resolve_step(
         misses its target, and the largest velocity of a row, m/s or rad/s; the smallest share s of restitution; the
         energy that the collision would create without scaling, J; the work of contact, J, and the part of it that is
         rounding; the residual of the natural map, including friction, relative to the largest velocity; the whitened
-        change of velocity (nv,); and the sliding velocities reached for (n,).
+        change of velocity (nv,); and the target sliding velocities (n,).
     """
     x, z = np.empty(rates.shape[1]), np.empty(len(tree))
     change, shift, reached = np.empty(len(tree)), np.empty(len(tree)), np.empty(len(target))
