@@ -103,7 +103,8 @@ def find_impulses(
             _keep(w, memory, room, found)
         look += 1
         found = _again(w, law, start, still, free, jacobian, chosen, mark, room, found, phases)
-    found = _less_energy(w, law, start, bias, turning, gravity, free, jacobian, chosen, mark, room, found, phases)
+    if found.solved.status == FINE:  # else there is no answer yet
+        found = _less_energy(w, law, start, bias, turning, gravity, free, jacobian, chosen, mark, room, found, phases)
     return Outcome(found.groups, found.rows, found.solved, found.later or unseen)
 
 
