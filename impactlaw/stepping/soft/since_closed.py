@@ -4,7 +4,9 @@ A collision is detected up to a timestep after its contact has closed. Until the
 acts beside the law: its friction lifts a body that slides on, and its spring throws the body if it is too stiff for the
 timestep, or if the law opens the contact slowly. Colliding bodies are therefore put where they would be if the law had
 acted when their contacts closed: over the time tau since then, the change of velocity has moved them by
-``tau (v+ - v-)``, and such contacts are open. Bodies that MuJoCo's contacts would not push stay where they are.
+``tau (v+ - v-)``, and such contacts are open. Bodies that MuJoCo's contacts would not push stay where they are. So do
+bodies whose contact was closed long before and left to MuJoCo: bodies at rest, such as a figure that lies on a floor,
+would be moved again and again.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from impactlaw.scene.contacts import row_velocities
 from impactlaw.scene.joint_limits import Limits
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.stepping.soft.rebounds import are_pairs, normals
-from impactlaw.stepping.soft.tolerances import OPENING
+from impactlaw.stepping.soft.tolerances import JUST_CLOSED, OPENING
 
 _DISCRETE = int(mujoco.mjtIntegrator.mjINT_DISCRETE)
 _CONES = [int(getattr(mujoco.mjtConstraint, f"mjCNSTR_CONTACT_{name}")) for name in ("PYRAMIDAL", "ELLIPTIC")]
@@ -56,7 +58,8 @@ def put_back(
     closing = 0.5 * (data.efc_vel[rows] + data.efc_vel[pair]) + drift
     opening = 0.5 * (after[rows] + after[pair]) + drift
     depth = data.efc_margin[rows] - data.efc_pos[rows]
-    found = (closing < -rest_speed) & (opening > OPENING * rest_speed) & (depth > 0.0)
+    fresh = (depth > 0.0) & (depth < -JUST_CLOSED * model.opt.timestep * closing)
+    found = (closing < -rest_speed) & (opening > OPENING * rest_speed) & fresh
     if chosen is not None:
         found &= chosen.mask(labels)
     stiffness, damping, impedance = data.efc_KBIP.reshape(-1, 4)[: data.nefc, :3].T

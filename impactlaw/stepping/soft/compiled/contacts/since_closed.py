@@ -28,7 +28,7 @@ from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of,
 from impactlaw.stepping.compiled.islands import join_trees, tree_of
 from impactlaw.stepping.soft.compiled.contacts.found import find, normal_velocities
 from impactlaw.stepping.soft.compiled.contacts.kinds import LAW, WORLD
-from impactlaw.stepping.soft.tolerances import OPENING
+from impactlaw.stepping.soft.tolerances import JUST_CLOSED, OPENING
 
 _ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 
@@ -69,11 +69,13 @@ def _since(w, law, found, i, closing, opening, wanted):
     """Return the time since a contact has closed, at most a timestep; 0 if it does not open, or is not pushed."""
     row, n = found.row[i], number(w, DATA.nefc)
     depth = data_floats(w, DATA.efc_margin, n)[row] - data_floats(w, DATA.efc_pos, n)[row]
-    if not (closing[i] < -law.rest_speed and opening[i] > OPENING * law.rest_speed and depth > 0.0):
+    h = float_at(w.model + offset(w, MODEL.opt_timestep))
+    fresh = 0.0 < depth < -JUST_CLOSED * h * closing[i]
+    if not (closing[i] < -law.rest_speed and opening[i] > OPENING * law.rest_speed and fresh):
         return 0.0
     if not _push(w, found, i, wanted) > 0.0:
         return 0.0
-    return min(depth / -closing[i], float_at(w.model + offset(w, MODEL.opt_timestep)))
+    return min(depth / -closing[i], h)
 
 
 @kernel
