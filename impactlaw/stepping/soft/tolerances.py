@@ -11,10 +11,11 @@ A collision with E = 0 leaves contacts with such speeds by rounding."""
 OPENING = 0.1
 """Opening speed, relative to `rest_speed`, up to which a contact does not separate either: soft contact trembles."""
 
-JUST_CLOSED = 1.01
-"""Ratio of depth to what a contact closes by in a step up to which it has closed within the step.
+JUST_CLOSED = 2.0
+"""Ratio of depth to what a contact closes by in a step up to which it has just closed, by more than 1.
 
-A deeper one was closed a step before, when the law left it to MuJoCo: bodies rest on it."""
+A deeper one was closed before, when the law left it to MuJoCo: bodies rest on it. With 1, contacts of feet that motors
+press down are left out, too: 14 % of those of HalfCheetah leave too fast, with 2 it is 8 %."""
 
 LOCKED = 1.0
 """Ratio of damping to inertia, h D / M, above which a joint has the inertia ``M + h D`` in a collision.
