@@ -12,10 +12,10 @@ OPENING = 0.1
 """Opening speed, relative to `rest_speed`, up to which a contact does not separate either: soft contact trembles."""
 
 JUST_CLOSED = 2.0
-"""Ratio of depth to what a contact closes by in a step up to which it has just closed, by more than 1.
+"""Largest depth of a contact that has just closed, relative to the distance by which it closes in a timestep.
 
-A deeper one was closed before, when the law left it to MuJoCo: bodies rest on it. With 1, contacts of feet that motors
-press down are left out, too: 14 % of those of HalfCheetah leave too fast, with 2 it is 8 %."""
+A deeper contact closed earlier, when the law left it to MuJoCo: bodies rest on it. The value 1 leaves out contacts of
+feet that motors press down, too: 14 % of those of HalfCheetah then leave too fast, instead of 8 %."""
 
 LOCKED = 1.0
 """Ratio of damping to inertia, h D / M, above which a joint has the inertia ``M + h D`` in a collision.
