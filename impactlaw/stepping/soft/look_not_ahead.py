@@ -12,6 +12,10 @@ BODY = int(mujoco.mjtTrn.mjTRN_BODY)
 """Transmission of actuators that pull at contacts."""
 NO_CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
 """Flags with which neither contacts nor limits act."""
+NO_LIMIT = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT) | int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
+"""Flags each of which disables limits."""
+SCALAR = int(mujoco.mjtJoint.mjJNT_SLIDE)
+"""First type of joint with one degree of freedom; slides and hinges come last."""
 
 
 def keep_start(data: mujoco.MjData, *, touches: bool) -> tuple[np.ndarray, ...]:
@@ -30,6 +34,22 @@ def put_start(data: mujoco.MjData, start: tuple[np.ndarray, ...]) -> None:
 def is_plain(model: mujoco.MjModel) -> bool:
     """Return whether integrators read only these results: no histories of sensors, no plugins, no sleeping trees."""
     return not (model.nhistory or model.nplugin or model.opt.enableflags & SLEEP)
+
+
+def passes_limit(model: mujoco.MjModel, data: mujoco.MjData) -> bool:
+    """Return whether a slide or hinge that is within its limits will pass one in this step, ``q + h v + h^2 a / 2``.
+
+    Then the step will most likely end in a collision, and is taken without new contacts at once.
+    """
+    if model.opt.disableflags & NO_LIMIT:
+        return False
+    scalar = (model.jnt_type >= SCALAR) & (model.jnt_limited != 0)
+    place, dof, h = model.jnt_qposadr[scalar], model.jnt_dofadr[scalar], model.opt.timestep
+    ends, margin = model.jnt_range[scalar], model.jnt_margin[scalar]
+    now, moved = data.qpos[place], h * (data.qvel[dof] + 0.5 * h * data.qacc[dof])
+    lower, upper = now - ends[:, 0] - margin, ends[:, 1] - now - margin
+    passed = ((lower >= 0.0) & (lower + moved < 0.0)) | ((upper >= 0.0) & (upper - moved < 0.0))
+    return bool(np.count_nonzero(passed))
 
 
 def contact_forces(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:

@@ -18,8 +18,8 @@ where they are at the end of the step.
 
 The stages of RK4 look ahead: a contact that they meet would take part of the velocity that the law is to reverse. If
 the last stage has met new contacts, or a stage before it had more contacts, which can have kept the last one away, the
-step is tried again without them (`look_not_ahead`). If that trial ends in a collision, the law resolves it there, and
-the trial is the step.
+step is tried again without them (`look_not_ahead`). If a joint would pass a limit, this is tried first. If the trial
+ends in a collision, the law resolves it there, and the trial is the step.
 """
 
 from __future__ import annotations
@@ -51,7 +51,14 @@ from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import check_timestep
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.soft.collisions import NOTHING, VELOCITY, Collisions
-from impactlaw.stepping.soft.look_not_ahead import contact_forces, is_plain, keep_start, look_not_ahead, put_start
+from impactlaw.stepping.soft.look_not_ahead import (
+    contact_forces,
+    is_plain,
+    keep_start,
+    look_not_ahead,
+    passes_limit,
+    put_start,
+)
 from impactlaw.stepping.soft.one_inertia import added_inertia, one_inertia
 
 _RK4, _EULER, _DISCRETE = (int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("RK4", "EULER", "DISCRETE"))
@@ -202,12 +209,7 @@ class SoftStepping:
         if options.enableflags & _COMPARE:
             mujoco.mj_compareFwdInv(model, data)
         if integrator == _RK4 and not held:  # its stages would compute forces of their own
-            mj_getState(model, data, self._before, _STATE)
-            met, start = _met(data) if contacts else None, keep_start(data, touches=contacts > 0)
-            pushing = contact_forces(model, data) if contacts else None
-            between = _runge_kutta(model, data)
-            if between or ((contacts or data.ncon or data.nl) and _met(data) != met):
-                events += self._collide_at_end(data, start, pushing=pushing, between=between)
+            events += self._take_stages(data, touches=contacts > 0)
         else:
             self._integrate(data)
         return events
@@ -270,25 +272,41 @@ class SoftStepping:
         if model.opt.enableflags & _ENERGY and not data.flg_energyvel:
             mujoco.mj_energyVel(model, data)
 
-    def _collide_at_end(
-        self, data: mujoco.MjData, start: tuple[np.ndarray, ...], *, pushing: np.ndarray | None, between: bool
-    ) -> tuple[ImpactEvent, ...]:
-        """Repeat an RK4 step by `look_not_ahead`; keep the repetition if it ends in a collision that the law changes.
+    def _take_stages(self, data: mujoco.MjData, *, touches: bool) -> tuple[ImpactEvent, ...]:
+        """Advance by RK4 after `mj_forward`; return the collisions in which the step ends.
 
-        The repetition is left out if no contact that the last stage has met closes. This is not checked if a stage
-        ``between`` has met more contacts, which can have kept bodies away from the last ones.
-
-        Args:
-            data: the state after the step.
-            start: see `keep_start`.
-            pushing: the forces of contacts and limits at the start of the step, (nv,); None if nothing touched.
-            between: whether a stage before the last one had more constraint rows.
+        Whether new contacts of the last stage close is not checked if an earlier stage has met more contacts, which can
+        have kept bodies away from the last ones.
         """
         model = self._model
-        if not between and self._surfaces is None:
-            rows = row_velocities(model, data, self._velocity_before)
-            if not closes(model, data, rows, self.collisions.rest_speed):
+        mj_getState(model, data, self._before, _STATE)
+        start, pushing = keep_start(data, touches=touches), contact_forces(model, data) if touches else None
+        if passes_limit(model, data):
+            events = self._collide_at_end(data, start, pushing)
+            if not events:
+                mj_RungeKutta(model, data, 4)
+            return events
+        met = _met(data) if touches else None
+        between = _runge_kutta(model, data)
+        if not between:
+            if not (touches or data.ncon or data.nl) or _met(data) == met:
                 return ()
+            rows = row_velocities(model, data, self._velocity_before)
+            if self._surfaces is None and not closes(model, data, rows, self.collisions.rest_speed):
+                return ()
+        return self._collide_at_end(data, start, pushing)
+
+    def _collide_at_end(
+        self, data: mujoco.MjData, start: tuple[np.ndarray, ...], pushing: np.ndarray | None
+    ) -> tuple[ImpactEvent, ...]:
+        """Take an RK4 step by `look_not_ahead` in other data; keep it if it ends in a collision that the law changes.
+
+        Args:
+            data: the state, which becomes that at the end of the step.
+            start: see `keep_start`.
+            pushing: the forces of contacts and limits at the start of the step, (nv,); None if nothing touches.
+        """
+        model = self._model
         if self._trial is None:
             self._trial = mujoco.MjData(model)
         trial = self._trial

@@ -7,13 +7,12 @@ import numpy as np
 from numba import types
 
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.loops import FLOATS, clear, indices, kernel, norm, numbers, once, plain, put, zeros
+from impactlaw.solvers.cones.algebra.loops import FLOATS, clear, kernel, norm, numbers, once, plain, put, zeros
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
     contact_ints,
     data_floats,
     data_ints,
-    model_ints,
     number,
     offset,
     option,
@@ -24,25 +23,29 @@ from impactlaw.stepping.compiled.fields import (
     CONTACT,
     DATA,
     MODEL,
-    SIZE,
     address_of,
-    flags,
     float_at,
     int_at,
     ints,
     keep,
     long_at,
-    longs,
     put_int,
 )
 from impactlaw.stepping.soft.compiled.collide import collide
 from impactlaw.stepping.soft.compiled.contacts.found import find, normal_velocities
 from impactlaw.stepping.soft.compiled.contacts.kinds import LAW
+from impactlaw.stepping.soft.compiled.contacts.rebounds import bounces, hold_back
 from impactlaw.stepping.soft.compiled.contacts.since_closed import put_back
 from impactlaw.stepping.soft.compiled.locked import lock, locks, room, takes_forces, unlock
-from impactlaw.stepping.soft.compiled.rebounds import bounces, hold_back
+from impactlaw.stepping.soft.compiled.look_not_ahead import (
+    find_contact_forces,
+    is_plain,
+    keep_start,
+    look_not_ahead,
+    passes_limit,
+    start_room,
+)
 from impactlaw.stepping.soft.compiled.world import DIVERGED, FINE, PYTHON, World
-from impactlaw.stepping.soft.look_not_ahead import BODY, NO_CONTACT, SLEEP
 
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 _RK4, _EULER, _DISCRETE = (int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("RK4", "EULER", "DISCRETE"))
@@ -97,78 +100,6 @@ def _update(w):
 
 
 @plain
-def _start_room(w):
-    """Return the number of entries that `_keep_start` saves."""
-    return 3 * w.nv + size(w, MODEL.na) + size(w, MODEL.nC)
-
-
-@plain
-def _keep_start(w, kept, back):
-    """Save what `look_not_ahead.keep_start` returns into `kept`, (`_start_room`,), or write it `back`."""
-    at, nv = 0, w.nv
-    for place, n in (
-        (DATA.qacc, nv), (DATA.qfrc_smooth, nv), (DATA.qfrc_constraint, nv),
-        (DATA.act_dot, size(w, MODEL.na)), (DATA.M, size(w, MODEL.nC)),
-    ):  # fmt: skip
-        if back:
-            put(data_floats(w, place, n), kept[at : at + n])
-        else:
-            put(kept[at:], data_floats(w, place, n))
-        at += n
-
-
-@plain
-def _is_plain(w):
-    """Return the result of `look_not_ahead.is_plain`."""
-    more = size(w, MODEL.nplugin) + size(w, MODEL.nhistory)
-    return more == 0 and not option(w, MODEL.opt_enableflags) & SLEEP
-
-
-@kernel
-def _find_contact_forces(w, found):
-    """Write the result of `look_not_ahead.contact_forces`, (nv,), zeros before; without rows MuJoCo leaves them."""
-    n = number(w, DATA.nefc)
-    forces = numbers(n)
-    put(forces, data_floats(w, DATA.efc_force, n))
-    clear(forces[: number(w, DATA.ne) + number(w, DATA.nf)])
-    mj.mul_jac_t_vec(w.model, w.data, address_of(found), address_of(forces))
-    keep(forces)
-
-
-@plain
-def _needs_contacts(w):
-    """Return the result of `look_not_ahead._needs_contacts`."""
-    for kind in model_ints(w, MODEL.actuator_trntype, size(w, MODEL.nu)):
-        if kind == BODY:
-            return True
-    sleeps = option(w, MODEL.opt_enableflags) & SLEEP != 0
-    return sleeps or flags(w.model + offset(w, MODEL.flg_adhesion), 1)[0] != 0
-
-
-@kernel
-def _look_not_ahead(w, pushing):
-    """Do what `look_not_ahead.look_not_ahead` does; the forces are (0,) if nothing touches at the start.
-
-    The changed options are in a copy of the model's own structure, since other threads step with the model.
-    """
-    if len(pushing) > 0 and _needs_contacts(w):
-        mj.euler(w.model, w.data)
-        return
-    words, applied = long_at(w.table + 8 * SIZE.model) // 8, data_floats(w, DATA.qfrc_applied, w.nv)
-    copied, before = indices(words), numbers(w.nv)
-    model = address_of(copied)
-    put(copied, longs(w.model, words))
-    put(before, applied)
-    for i in range(len(pushing)):
-        applied[i] += pushing[i]
-    disabled = model + offset(w, MODEL.opt_disableflags)
-    put_int(disabled, np.int32(int_at(disabled) | NO_CONTACT))
-    mj.runge_kutta(model, w.data, np.int32(4))
-    put(applied, before)
-    keep(copied)
-
-
-@plain
 def _runge_kutta(w):
     """Do what `scheme._runge_kutta` does."""
     place = w.data + offset(w, DATA.maxuse_efc)
@@ -197,20 +128,18 @@ def _closes(w, law, velocity):
 
 
 @kernel
-def _collide_at_end(w, law, trial, pushing, between, state, start, sums):
-    """Repeat an RK4 step by `_look_not_ahead`; keep the repetition if it ends in a collision that the law changes.
+def _collide_at_end(w, law, trial, pushing, state, start, sums):
+    """Take an RK4 step by `look_not_ahead` in other data; keep it if it ends in a collision that the law changes.
 
-    Return the status. Whether a contact of the last stage closes is not checked if a stage `between` met more contacts.
+    Return the status, and whether the step is kept.
     """
-    if not between and not _closes(w, law, _velocity_in(w, state)):
-        return FINE
     now = World(w.model, trial, w.table, w.nv)
     mj.set_state(w.model, trial, address_of(state), STATE)
-    if _is_plain(w):
-        _keep_start(now, start, True)
+    if is_plain(w):
+        keep_start(now, start, True)
     else:
         _update(now)
-    _look_not_ahead(now, pushing)
+    look_not_ahead(now, pushing)
     mj.fwd_position(w.model, trial)
     mj.fwd_velocity(w.model, trial)
     of_trial, told = zeros(len(sums)), law.outcomes[0] if len(law.outcomes) > 0 else 0.0
@@ -227,7 +156,7 @@ def _collide_at_end(w, law, trial, pushing, between, state, start, sums):
         mj.set_state(w.model, w.data, address_of(end), STATE)
         keep(end)
         _update(w)
-    return status
+    return status, changed
 
 
 @once
@@ -261,16 +190,21 @@ def _from_start(w, law, trial, integrator, state, sums):
     if option(w, MODEL.opt_enableflags) & _COMPARE:
         mj.compare_fwd_inv(w.model, w.data)
     if integrator == _RK4 and not held:  # its stages would compute forces of their own
-        middle, start, pushing = numbers(len(state)), numbers(_start_room(w)), zeros(w.nv if _touches(w) > 0 else 0)
+        middle, start, pushing = numbers(len(state)), numbers(start_room(w)), zeros(w.nv if _touches(w) > 0 else 0)
         if len(pushing) > 0:
-            _find_contact_forces(w, pushing)
-        _keep_start(w, start, False)
+            find_contact_forces(w, pushing)
+        keep_start(w, start, False)
         mj.get_state(w.model, w.data, address_of(middle), STATE)
-        geoms, rows = contact_ints(w, CONTACT.geom, 2).copy(), _rows(w)
-        between = _runge_kutta(w)
-        same = np.array_equal(_rows(w), rows)
-        if between or not (same and np.array_equal(contact_ints(w, CONTACT.geom, 2), geoms)):
-            status = _collide_at_end(w, law, trial, pushing, between, middle, start, sums)
+        if passes_limit(w):
+            status, collided = _collide_at_end(w, law, trial, pushing, middle, start, sums)
+            if status == FINE and not collided:
+                mj.runge_kutta(w.model, w.data, np.int32(4))
+        else:
+            geoms, rows = contact_ints(w, CONTACT.geom, 2).copy(), _rows(w)
+            between = _runge_kutta(w)
+            same = np.array_equal(_rows(w), rows) and np.array_equal(contact_ints(w, CONTACT.geom, 2), geoms)
+            if between or (not same and _closes(w, law, _velocity_in(w, middle))):
+                status, collided = _collide_at_end(w, law, trial, pushing, middle, start, sums)
         keep(middle)
     elif integrator == _EULER or integrator == _RK4:
         mj.euler(w.model, w.data)

@@ -1,0 +1,124 @@
+"""RK4 without contacts that are not closed yet, in compiled code; see `soft.look_not_ahead`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impactlaw.solvers.cones.algebra.loops import clear, indices, kernel, numbers, plain, put
+from impactlaw.stepping.compiled import libmujoco as mj
+from impactlaw.stepping.compiled.access import (
+    data_floats,
+    model_at,
+    model_floats,
+    model_ints,
+    number,
+    offset,
+    option,
+    size,
+    velocity_of,
+)
+from impactlaw.stepping.compiled.fields import (
+    DATA,
+    MODEL,
+    SIZE,
+    address_of,
+    flags,
+    float_at,
+    int_at,
+    keep,
+    long_at,
+    longs,
+    put_int,
+)
+from impactlaw.stepping.soft.look_not_ahead import BODY, NO_CONTACT, NO_LIMIT, SCALAR, SLEEP
+
+
+@plain
+def passes_limit(w):
+    """Return the result of `look_not_ahead.passes_limit`."""
+    if option(w, MODEL.opt_disableflags) & NO_LIMIT:
+        return False
+    joints, qvel, acceleration = size(w, MODEL.njnt), velocity_of(w), data_floats(w, DATA.qacc, w.nv)
+    kind, limited = model_ints(w, MODEL.jnt_type, joints), flags(model_at(w, MODEL.jnt_limited), joints)
+    dof, place = model_ints(w, MODEL.jnt_dofadr, joints), model_ints(w, MODEL.jnt_qposadr, joints)
+    margin, ends = model_floats(w, MODEL.jnt_margin, joints), model_floats(w, MODEL.jnt_range, 2 * joints)
+    h, qpos = float_at(w.model + offset(w, MODEL.opt_timestep)), data_floats(w, DATA.qpos, size(w, MODEL.nq))
+    for j in range(joints):
+        if limited[j] != 0 and kind[j] >= SCALAR:
+            now, moved = qpos[place[j]], h * (qvel[dof[j]] + 0.5 * h * acceleration[dof[j]])
+            lower, upper = now - ends[2 * j] - margin[j], ends[2 * j + 1] - now - margin[j]
+            if lower >= 0.0 > lower + moved or upper >= 0.0 > upper - moved:
+                return True
+    return False
+
+
+@plain
+def start_room(w):
+    """Return the number of entries that `keep_start` saves."""
+    return 3 * w.nv + size(w, MODEL.na) + size(w, MODEL.nC)
+
+
+@plain
+def keep_start(w, kept, back):
+    """Save what `look_not_ahead.keep_start` returns into `kept`, (`start_room`,), or write it `back`."""
+    at, nv = 0, w.nv
+    for place, n in (
+        (DATA.qacc, nv), (DATA.qfrc_smooth, nv), (DATA.qfrc_constraint, nv),
+        (DATA.act_dot, size(w, MODEL.na)), (DATA.M, size(w, MODEL.nC)),
+    ):  # fmt: skip
+        if back:
+            put(data_floats(w, place, n), kept[at : at + n])
+        else:
+            put(kept[at:], data_floats(w, place, n))
+        at += n
+
+
+@plain
+def is_plain(w):
+    """Return the result of `look_not_ahead.is_plain`."""
+    more = size(w, MODEL.nplugin) + size(w, MODEL.nhistory)
+    return more == 0 and not option(w, MODEL.opt_enableflags) & SLEEP
+
+
+@kernel
+def find_contact_forces(w, found):
+    """Write the result of `look_not_ahead.contact_forces`, (nv,), zeros before; without rows MuJoCo leaves them."""
+    n = number(w, DATA.nefc)
+    forces = numbers(n)
+    put(forces, data_floats(w, DATA.efc_force, n))
+    clear(forces[: number(w, DATA.ne) + number(w, DATA.nf)])
+    mj.mul_jac_t_vec(w.model, w.data, address_of(found), address_of(forces))
+    keep(forces)
+
+
+@plain
+def _needs_contacts(w):
+    """Return the result of `look_not_ahead._needs_contacts`."""
+    for kind in model_ints(w, MODEL.actuator_trntype, size(w, MODEL.nu)):
+        if kind == BODY:
+            return True
+    sleeps = option(w, MODEL.opt_enableflags) & SLEEP != 0
+    return sleeps or flags(w.model + offset(w, MODEL.flg_adhesion), 1)[0] != 0
+
+
+@kernel
+def look_not_ahead(w, pushing):
+    """Do what `look_not_ahead.look_not_ahead` does; the forces are (0,) if nothing touches at the start.
+
+    The changed options are in a copy of the model's own structure, since other threads step with the model.
+    """
+    if len(pushing) > 0 and _needs_contacts(w):
+        mj.euler(w.model, w.data)
+        return
+    words, applied = long_at(w.table + 8 * SIZE.model) // 8, data_floats(w, DATA.qfrc_applied, w.nv)
+    copied, before = indices(words), numbers(w.nv)
+    model = address_of(copied)
+    put(copied, longs(w.model, words))
+    put(before, applied)
+    for i in range(len(pushing)):
+        applied[i] += pushing[i]
+    disabled = model + offset(w, MODEL.opt_disableflags)
+    put_int(disabled, np.int32(int_at(disabled) | NO_CONTACT))
+    mj.runge_kutta(model, w.data, np.int32(4))
+    put(applied, before)
+    keep(copied)
