@@ -56,8 +56,11 @@ from impactlaw.stepping.soft.look_not_ahead import (
     is_plain,
     keep_start,
     look_not_ahead,
+    met,
     passes_limit,
     put_start,
+    runge_kutta,
+    will_meet_more,
 )
 from impactlaw.stepping.soft.one_inertia import added_inertia, one_inertia
 
@@ -286,15 +289,30 @@ class SoftStepping:
             if not events:
                 mj_RungeKutta(model, data, 4)
             return events
-        met = _met(data) if touches else None
-        between = _runge_kutta(model, data)
+        before = met(data)
+        most = runge_kutta(model, data)
+        between = most > data.nefc
+        if between and most <= len(before[1]):  # most likely a contact has opened
+            between = will_meet_more(model, self._at_start(start), before)
         if not between:
-            if not (touches or data.ncon or data.nl) or _met(data) == met:
+            if all(np.array_equal(*pair) for pair in zip(met(data), before, strict=True)):
                 return ()
-            rows = row_velocities(model, data, self._velocity_before)
-            if self._surfaces is None and not closes(model, data, rows, self.collisions.rest_speed):
+            velocities = row_velocities(model, data, self._velocity_before)
+            if self._surfaces is None and not closes(model, data, velocities, self.collisions.rest_speed):
                 return ()
         return self._collide_at_end(data, start, pushing)
+
+    def _at_start(self, start: tuple[np.ndarray, ...]) -> mujoco.MjData:
+        """Return other data as at the start of the step; see `keep_start`."""
+        model = self._model
+        if self._trial is None:
+            self._trial = mujoco.MjData(model)
+        mujoco.mj_setState(model, self._trial, self._before, _STATE)
+        if is_plain(model):
+            put_start(self._trial, start)
+        else:
+            _update(model, self._trial)
+        return self._trial
 
     def _collide_at_end(
         self, data: mujoco.MjData, start: tuple[np.ndarray, ...], pushing: np.ndarray | None
@@ -306,15 +324,7 @@ class SoftStepping:
             start: see `keep_start`.
             pushing: the forces of contacts and limits at the start of the step, (nv,); None if nothing touches.
         """
-        model = self._model
-        if self._trial is None:
-            self._trial = mujoco.MjData(model)
-        trial = self._trial
-        mujoco.mj_setState(model, trial, self._before, _STATE)
-        if is_plain(model):
-            put_start(trial, start)
-        else:
-            _update(model, trial)
+        model, trial = self._model, self._at_start(start)
         look_not_ahead(model, trial, pushing=pushing)
         mujoco.mj_fwdPosition(model, trial)
         mujoco.mj_fwdVelocity(model, trial)
@@ -339,23 +349,6 @@ def _find_forces(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     mujoco.mj_fwdActuation(model, data)
     mujoco.mj_fwdAcceleration(model, data)
     mujoco.mj_fwdConstraint(model, data)
-
-
-def _runge_kutta(model: mujoco.MjModel, data: mujoco.MjData) -> bool:
-    """Advance by RK4; return whether an intermediate stage had more constraint rows than the last one.
-
-    This is read from ``maxuse_efc``, MuJoCo's largest number of rows so far, which gets its right value afterwards.
-    """
-    so_far, data.maxuse_efc = data.maxuse_efc, 0
-    mj_RungeKutta(model, data, 4)
-    most = data.maxuse_efc
-    data.maxuse_efc = max(so_far, most)
-    return most > data.nefc
-
-
-def _met(data: mujoco.MjData) -> tuple[bytes, bytes]:
-    """Return bytes that identify the current contacts and constraint rows."""
-    return data.contact.geom.tobytes(), (8 * data.efc_id + data.efc_type).tobytes()
 
 
 def _refuse_reset(data: mujoco.MjData, time: float, count: int | None) -> None:

@@ -11,6 +11,7 @@ from impactlaw.solvers.cones.algebra.loops import FLOATS, clear, kernel, norm, n
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
     contact_ints,
+    data_at,
     data_floats,
     data_ints,
     number,
@@ -101,14 +102,14 @@ def _update(w):
 
 @plain
 def _runge_kutta(w):
-    """Do what `scheme._runge_kutta` does."""
+    """Do what `look_not_ahead.runge_kutta` does."""
     place = w.data + offset(w, DATA.maxuse_efc)
     so_far = int_at(place)
     put_int(place, np.int32(0))
     mj.runge_kutta(w.model, w.data, np.int32(4))
     most = int_at(place)
     put_int(place, max(so_far, most))
-    return most > number(w, DATA.nefc)
+    return most
 
 
 @kernel
@@ -127,6 +128,49 @@ def _closes(w, law, velocity):
     return normal_velocities(found, rows, numbers(len(found.row))) < -law.rest_speed
 
 
+@plain
+def _go_to_start(now, state, start):
+    """Put other data where `keep_start` was called."""
+    mj.set_state(now.model, now.data, address_of(state), STATE)
+    if is_plain(now):
+        keep_start(now, start, True)
+    else:
+        _update(now)
+
+
+@kernel
+def _meets_more(w, geoms, rows):
+    """Return whether pairs of geoms have more contacts than before, or there are other limits; see `met`."""
+    pairs, ids, first = contact_ints(w, CONTACT.geom, 2), _rows(w), number(w, DATA.ne) + number(w, DATA.nf)
+    for c in range(len(pairs)):
+        more = 0
+        for other in pairs:
+            more += other[0] == pairs[c, 0] and other[1] == pairs[c, 1]
+        for other in geoms:
+            more -= other[0] == pairs[c, 0] and other[1] == pairs[c, 1]
+        if more > 0:
+            return True
+    for r in range(first, first + number(w, DATA.nl)):
+        if not np.any(rows == ids[r]):
+            return True
+    return False
+
+
+@kernel
+def _will_meet_more(w, trial, state, start, geoms, rows):
+    """Return the result of `look_not_ahead.will_meet_more`."""
+    now, velocity = World(w.model, trial, w.table, w.nv), numbers(w.nv)
+    _go_to_start(now, state, start)
+    h, qvel = float_at(w.model + offset(w, MODEL.opt_timestep)), velocity_of(now)
+    acceleration = data_floats(now, DATA.qacc, w.nv)
+    for i in range(w.nv):
+        velocity[i] = qvel[i] + 0.5 * h * acceleration[i]
+    mj.integrate_pos(w.model, data_at(now, DATA.qpos), address_of(velocity), h)
+    keep(velocity)
+    mj.fwd_position(w.model, trial)
+    return _meets_more(now, geoms, rows)
+
+
 @kernel
 def _collide_at_end(w, law, trial, pushing, state, start, sums):
     """Take an RK4 step by `look_not_ahead` in other data; keep it if it ends in a collision that the law changes.
@@ -134,11 +178,7 @@ def _collide_at_end(w, law, trial, pushing, state, start, sums):
     Return the status, and whether the step is kept.
     """
     now = World(w.model, trial, w.table, w.nv)
-    mj.set_state(w.model, trial, address_of(state), STATE)
-    if is_plain(w):
-        keep_start(now, start, True)
-    else:
-        _update(now)
+    _go_to_start(now, state, start)
     look_not_ahead(now, pushing)
     mj.fwd_position(w.model, trial)
     mj.fwd_velocity(w.model, trial)
@@ -201,7 +241,10 @@ def _from_start(w, law, trial, integrator, state, sums):
                 mj.runge_kutta(w.model, w.data, np.int32(4))
         else:
             geoms, rows = contact_ints(w, CONTACT.geom, 2).copy(), _rows(w)
-            between = _runge_kutta(w)
+            most = _runge_kutta(w)
+            between = most > number(w, DATA.nefc)
+            if between and most <= len(rows):
+                between = _will_meet_more(w, trial, middle, start, geoms, rows)
             same = np.array_equal(_rows(w), rows) and np.array_equal(contact_ints(w, CONTACT.geom, 2), geoms)
             if between or (not same and _closes(w, law, _velocity_in(w, middle))):
                 status, collided = _collide_at_end(w, law, trial, pushing, middle, start, sums)
