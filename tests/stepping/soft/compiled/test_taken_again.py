@@ -87,16 +87,28 @@ def test_what_only_a_stage_between_meets_collides(compiled, what, beside):
 
 
 @pytest.mark.parametrize("compiled", ["auto", "never"])
-def test_what_only_a_stage_between_meets_while_a_contact_opens_collides(compiled):
-    """No stage has more rows than the start, where the opposite limit is active."""
-    scene = f"""<mujoco><option timestep="0.01" integrator="RK4" gravity="0 0 0"/><worldbody><body>
-        <joint type="slide" limited="true" range="0 .006" {DAMPED.format("limit")}/><geom size=".1"/></body>
-        </worldbody></mujoco>"""
+@pytest.mark.parametrize("what", ["joint", "floor"])
+def test_what_only_a_stage_between_meets_while_a_contact_opens_collides(compiled, what):
+    """No stage has more rows than the start, where the opposite limit or the ceiling is active."""
+    joint, geom = DAMPED.format("limit"), DAMPED.format("")
+    ends, planes = 'limited="true" range="0 .006"', ""
+    if what == "floor":
+        ends, planes = (
+            "",
+            "".join(
+                f'<geom name="{name}" type="plane" size="9 9 1" pos="{at} 0 0" zaxis="{way} 0 0" {geom}/>'
+                for name, at, way in (("floor", -0.1, 1), ("ceiling", 0.106, -1))
+            ),
+        )
+    scene = f"""<mujoco><option timestep="0.01" integrator="RK4" gravity="0 0 0"/><worldbody>{planes}<body>
+        <joint type="slide" axis="1 0 0" {ends} {joint}/><geom name="ball" size=".1" {geom}/></body></worldbody>
+        </mujoco>"""
     model = mujoco.MjModel.from_xml_string(scene)
     data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.5), contact_model="soft", compiled=compiled)
     data.qpos[0], data.qvel[0] = 0.0061, -2.0
     stepper.step(data)
-    assert [event.contacts.labels for event in stepper.events] == [("joint0",)]
+    label = "joint0" if what == "joint" else "floor/ball"
+    assert [event.contacts.labels for event in stepper.events] == [(label,)]
     assert data.qvel[0] == pytest.approx(1.0, abs=1e-9)
 
 
