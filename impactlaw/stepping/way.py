@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import mujoco
+import numpy as np
 
 from impactlaw.errors import UncompilableError, UncompiledWarning, UnreadSensorsWarning
 from impactlaw.laws import Coulomb, Law, MaximalDissipation
@@ -20,7 +21,7 @@ from impactlaw.stepping.event_driven.scheme import RigidStepping
 from impactlaw.stepping.options import Options
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.soft.scheme import SoftStepping
-from impactlaw.stepping.soft.tolerances import REST_SPEED
+from impactlaw.stepping.soft.tolerances import FALLS, REST_SPEED
 
 if TYPE_CHECKING:
     from impactlaw.stepping.soft.compiled.stepping import CompiledSoftStepping
@@ -107,7 +108,9 @@ class Way:
     def _soft(self, law: Law) -> SoftStepping | CompiledSoftStepping:
         """Return soft stepping, in compiled code if it covers the scene and the law."""
         o = self.options
-        speed = REST_SPEED if o.rest_speed is None else o.rest_speed
+        opt, speed = self.model.opt, o.rest_speed
+        if speed is None:
+            speed = max(REST_SPEED, FALLS * opt.timestep * float(np.linalg.norm(opt.gravity)))
         scheme = SoftStepping(self.model, self._collider(law), self.plan, rest_speed=speed, chosen=self.chosen)
         if o.compiled == "never":
             return scheme

@@ -1,7 +1,13 @@
 """Numerical constants of soft stepping."""
 
 REST_SPEED = 0.1
-"""Closing speed, m/s, above which a soft contact collides."""
+"""Closing speed, m/s, above which a soft contact collides, unless gravity gives more than this in a timestep."""
+
+FALLS = 1.5
+"""Closing speed above which a soft contact collides, relative to what gravity gives in a timestep.
+
+A weight that the law has thrown up a little falls back within the timestep: below 1 it would not come to rest. Corners
+of a body that tips fall faster."""
 
 ROUNDING = 1e-12
 """Opening speed up to which a contact does not count as separating, relative to the largest contact velocity.

@@ -78,3 +78,19 @@ def test_a_law_of_all_contacts_is_not_told_that_one_trembles():
             opened = max(opened, event.impact.collision.pre_contact_velocity.max())
             assert event.impact.violations.is_admissible()
     assert opened > 1e-6
+
+
+@pytest.mark.parametrize("code", ["auto", "never"])
+@pytest.mark.parametrize("timestep", [0.01, 0.02])
+@pytest.mark.parametrize("geom", ['type="box" size=".1 .1 .1"', 'type="capsule" size=".05 .2"'])
+def test_what_has_fallen_comes_to_rest_in_large_timesteps(geom, timestep, code):
+    """In a timestep gravity gives more than 0.1 m/s to what the law has thrown up slowly."""
+    world = f"""<geom type="plane" size="9 9 1"/>
+        <body pos="0 0 .4" euler="10 20 0"><freejoint/><geom {geom}/></body>"""
+    model, data = compiled(world, option=f'timestep="{timestep}"')
+    stepper, late = Stepper(model, Moreau(0.1), contact_model="soft", compiled=code), 0
+    for _ in range(int(4 / timestep)):
+        stepper.step(data)
+        late += data.time > 3 and len(stepper.events) > 0
+    assert late == 0
+    assert np.abs(data.qvel).max() < 1e-3
