@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
-
 import mujoco
 import numpy as np
 
@@ -60,40 +58,6 @@ def contact_forces(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     forces[: data.ne + data.nf] = 0.0
     mujoco.mj_mulJacTVec(model, data, found, forces)
     return found
-
-
-def runge_kutta(model: mujoco.MjModel, data: mujoco.MjData) -> int:
-    """Advance by RK4 after `mj_forward`; return the largest number of constraint rows of the stages after the first.
-
-    This is read from ``maxuse_efc``, MuJoCo's largest number of rows so far, which gets its right value afterwards.
-    """
-    so_far, data.maxuse_efc = data.maxuse_efc, 0
-    mujoco.mj_RungeKutta(model, data, 4)
-    most = data.maxuse_efc
-    data.maxuse_efc = max(so_far, most)
-    return most
-
-
-def met(data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pair of geoms of each contact, int32 (ncon, 2), and numbers that identify the constraint rows."""
-    return data.contact.geom.copy(), 8 * data.efc_id + data.efc_type
-
-
-def will_meet_more(model: mujoco.MjModel, data: mujoco.MjData, before: tuple[np.ndarray, np.ndarray]) -> bool:
-    """Return whether contacts or limits that are not there at the start of a step are at ``q + h v + h^2 a / 2``.
-
-    Args:
-        model: the scene.
-        data: other data than the user's, with position, velocity and acceleration of the start; changed.
-        before: what has `met` at the start.
-    """
-    h = model.opt.timestep
-    mujoco.mj_integratePos(model, data.qpos, data.qvel + 0.5 * h * data.qacc, h)
-    mujoco.mj_fwdPosition(model, data)
-    pairs, rows = met(data)
-    limits = rows[data.ne + data.nf :][: data.nl]
-    more = Counter(map(tuple, pairs.tolist())) - Counter(map(tuple, before[0].tolist()))
-    return bool(more) or not np.isin(limits, before[1]).all()
 
 
 def _needs_contacts(model: mujoco.MjModel) -> bool:

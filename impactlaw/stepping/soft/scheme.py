@@ -16,10 +16,7 @@ MuJoCo gives mocap bodies no velocity. Soft stepping computes one from their mot
 decides which contacts collide, and how. Between collisions MuJoCo's contacts treat mocap bodies as if they were at rest
 where they are at the end of the step.
 
-The stages of RK4 look ahead: a contact that they meet would take part of the velocity that the law is to reverse. If
-the last stage has met new contacts, or a stage before it had more contacts, which can have kept the last one away, the
-step is tried again without them (`look_not_ahead`). If a joint would pass a limit, this is tried first. If the trial
-ends in a collision, the law resolves it there, and the trial is the step.
+RK4 looks ahead, which is prevented where a step ends in a collision (`stages`).
 """
 
 from __future__ import annotations
@@ -35,9 +32,7 @@ from mujoco import (
     mj_checkAcc,
     mj_Euler,
     mj_forwardSkip,
-    mj_getState,
     mj_implicit,
-    mj_RungeKutta,
     mj_step,
     mj_step1,
 )
@@ -45,24 +40,13 @@ from mujoco import (
 from impactlaw.errors import DivergenceError
 from impactlaw.laws import Law
 from impactlaw.laws.restitution.on_contacts import Chosen
-from impactlaw.scene.contacts import closes, row_velocities
 from impactlaw.stepping.collisions import Collider
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import check_timestep
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.soft.collisions import NOTHING, VELOCITY, Collisions
-from impactlaw.stepping.soft.look_not_ahead import (
-    contact_forces,
-    is_plain,
-    keep_start,
-    look_not_ahead,
-    met,
-    passes_limit,
-    put_start,
-    runge_kutta,
-    will_meet_more,
-)
 from impactlaw.stepping.soft.one_inertia import added_inertia, one_inertia
+from impactlaw.stepping.soft.stages import Stages, find_forces
 
 _RK4, _EULER, _DISCRETE = (int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("RK4", "EULER", "DISCRETE"))
 _ENERGY, _COMPARE = int(mujoco.mjtEnableBit.mjENBL_ENERGY), int(mujoco.mjtEnableBit.mjENBL_FWDINV)
@@ -94,9 +78,7 @@ class SoftStepping:
         self.collisions = Collisions(model, collider, plan, rest_speed=rest_speed, chosen=chosen)
         can_have_limits = model.ntendon > 0 or bool((model.jnt_type != _FREE).any())
         self.collides, self._surfaces = plan.detection or can_have_limits, self.collisions.surfaces
-        self._before = np.empty(mujoco.mj_stateSize(model, _STATE))
-        self._velocity_before = self._before[1 + model.nq :][: model.nv]
-        self._trial: mujoco.MjData | None = None
+        self._stages = Stages(model, self.collisions)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the attributes without the options, which are part of the model."""
@@ -212,7 +194,7 @@ class SoftStepping:
         if options.enableflags & _COMPARE:
             mujoco.mj_compareFwdInv(model, data)
         if integrator == _RK4 and not held:  # its stages would compute forces of their own
-            events += self._take_stages(data, touches=contacts > 0)
+            events += self._stages.advance(data, touches=contacts > 0)
         else:
             self._integrate(data)
         return events
@@ -239,17 +221,17 @@ class SoftStepping:
             return
         late = self._options.integrator == _DISCRETE  # computes the springs of contacts only in mj_step2
         if not late and (data.ncon or data.nl) and self.collisions.bounces(data):
-            _find_forces(model, data)
+            find_forces(model, data)
             self.collisions.hold_back(data)
         mujoco.mj_step2(model, data)
 
     def _find_forces(self, data: mujoco.MjData, added: np.ndarray) -> bool:
         """Compute forces and the sensors of forces with `one_inertia`; return whether contacts were held back."""
         with one_inertia(self._model, data, added):
-            _find_forces(self._model, data)
+            find_forces(self._model, data)
             held = self.collisions.bounces(data) and self.collisions.hold_back(data)
             if held:
-                _find_forces(self._model, data)
+                find_forces(self._model, data)
             data.flg_rnepost = 0
             mujoco.mj_sensorAcc(self._model, data)
         return held
@@ -274,81 +256,6 @@ class SoftStepping:
         mujoco.mj_sensorVel(model, data)
         if model.opt.enableflags & _ENERGY and not data.flg_energyvel:
             mujoco.mj_energyVel(model, data)
-
-    def _take_stages(self, data: mujoco.MjData, *, touches: bool) -> tuple[ImpactEvent, ...]:
-        """Advance by RK4 after `mj_forward`; return the collisions in which the step ends.
-
-        Whether new contacts of the last stage close is not checked if an earlier stage has met more contacts, which can
-        have kept bodies away from the last ones.
-        """
-        model = self._model
-        mj_getState(model, data, self._before, _STATE)
-        start, pushing = keep_start(data, touches=touches), contact_forces(model, data) if touches else None
-        if passes_limit(model, data):
-            events = self._collide_at_end(data, start, pushing)
-            if not events:
-                mj_RungeKutta(model, data, 4)
-            return events
-        before = met(data)
-        most = runge_kutta(model, data)
-        between = most > data.nefc
-        if between and most <= len(before[1]):  # most likely a contact has opened
-            between = will_meet_more(model, self._at_start(start), before)
-        if not between:
-            if all(np.array_equal(*pair) for pair in zip(met(data), before, strict=True)):
-                return ()
-            velocities = row_velocities(model, data, self._velocity_before)
-            if self._surfaces is None and not closes(model, data, velocities, self.collisions.rest_speed):
-                return ()
-        return self._collide_at_end(data, start, pushing)
-
-    def _at_start(self, start: tuple[np.ndarray, ...]) -> mujoco.MjData:
-        """Return other data as at the start of the step; see `keep_start`."""
-        model = self._model
-        if self._trial is None:
-            self._trial = mujoco.MjData(model)
-        mujoco.mj_setState(model, self._trial, self._before, _STATE)
-        if is_plain(model):
-            put_start(self._trial, start)
-        else:
-            _update(model, self._trial)
-        return self._trial
-
-    def _collide_at_end(
-        self, data: mujoco.MjData, start: tuple[np.ndarray, ...], pushing: np.ndarray | None
-    ) -> tuple[ImpactEvent, ...]:
-        """Take an RK4 step by `look_not_ahead` in other data; keep it if it ends in a collision that the law changes.
-
-        Args:
-            data: the state, which becomes that at the end of the step.
-            start: see `keep_start`.
-            pushing: the forces of contacts and limits at the start of the step, (nv,); None if nothing touches.
-        """
-        model, trial = self._model, self._at_start(start)
-        look_not_ahead(model, trial, pushing=pushing)
-        mujoco.mj_fwdPosition(model, trial)
-        mujoco.mj_fwdVelocity(model, trial)
-        events, stage = self.collisions.resolve(trial) if trial.ncon or trial.nl else NOTHING
-        if stage == VELOCITY:
-            return ()
-        mj_getState(model, trial, self._before, _STATE)
-        mujoco.mj_setState(model, data, self._before, _STATE)
-        _update(model, data)  # as after mj_step, which leaves what its last stage has met at the end of the step
-        return events
-
-
-def _update(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Do what `mj_forward` does, except for sensors, energies and the control callback."""
-    mujoco.mj_fwdPosition(model, data)
-    mujoco.mj_fwdVelocity(model, data)
-    _find_forces(model, data)
-
-
-def _find_forces(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Compute accelerations and contact forces."""
-    mujoco.mj_fwdActuation(model, data)
-    mujoco.mj_fwdAcceleration(model, data)
-    mujoco.mj_fwdConstraint(model, data)
 
 
 def _refuse_reset(data: mujoco.MjData, time: float, count: int | None) -> None:

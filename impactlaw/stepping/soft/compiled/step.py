@@ -102,7 +102,7 @@ def _update(w):
 
 @plain
 def _runge_kutta(w):
-    """Do what `look_not_ahead.runge_kutta` does."""
+    """Do what `stages._runge_kutta` does."""
     place = w.data + offset(w, DATA.maxuse_efc)
     so_far = int_at(place)
     put_int(place, np.int32(0))
@@ -140,7 +140,7 @@ def _go_to_start(now, state, start):
 
 @kernel
 def _meets_more(w, geoms, rows):
-    """Return whether pairs of geoms have more contacts than before, or there are other limits; see `met`."""
+    """Return whether pairs of geoms have more contacts than before, or there are other limits; see `stages._met`."""
     pairs, ids, first = contact_ints(w, CONTACT.geom, 2), _rows(w), number(w, DATA.ne) + number(w, DATA.nf)
     for c in range(len(pairs)):
         more = 0
@@ -158,7 +158,7 @@ def _meets_more(w, geoms, rows):
 
 @kernel
 def _will_meet_more(w, trial, state, start, geoms, rows):
-    """Return the result of `look_not_ahead.will_meet_more`."""
+    """Return the result of `stages._will_meet_more`."""
     now, velocity = World(w.model, trial, w.table, w.nv), numbers(w.nv)
     _go_to_start(now, state, start)
     h, qvel = float_at(w.model + offset(w, MODEL.opt_timestep)), velocity_of(now)
