@@ -6,6 +6,7 @@ The last stage of an RK4 step need not find the contacts at its end, because the
 from __future__ import annotations
 
 import copy
+import pickle
 from typing import Any
 
 import gymnasium
@@ -174,6 +175,20 @@ def test_a_step_taken_again_while_something_touches_is_of_rk4(compiled):
             stepper.step(data)
             highest = max(highest, _energy(model, data))
         assert highest < 17.5
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda pair: pickle.loads(pickle.dumps(pair))])
+def test_a_copy_takes_the_same_steps(duplicate, compiled):
+    """A step is repeated if contacts close with the velocity of its start: not with that of the original's last one."""
+    model = mujoco.MjModel.from_xml_string(ARM)
+    data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.5), contact_model="soft", compiled=compiled)
+    stepper.step(data, 50)
+    copied, its = duplicate((stepper, data))
+    for one, other in ((stepper, data), (copied, its)):
+        one.step(other, 400)
+    np.testing.assert_array_equal(its.qpos, data.qpos)
+    assert stepper.events
 
 
 def _energy(model: mujoco.MjModel, data: mujoco.MjData) -> float:
