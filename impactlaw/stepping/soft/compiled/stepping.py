@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import ctypes
-import warnings
 from functools import cached_property
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from impactlaw.errors import DivergenceError, UncompiledWarning
+from impactlaw.errors import DivergenceError
 from impactlaw.laws import Law
 from impactlaw.scene.equality_constraints import constraint_kinds
-from impactlaw.stepping.compiled.engine import Entry, fill_context
-from impactlaw.stepping.compiled.fields import DATA
-from impactlaw.stepping.compiled.layout import table
-from impactlaw.stepping.compiled.libmujoco import callbacks, is_called_back
+from impactlaw.stepping.compiled.one_world import OneWorld
 from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums, Told, together
 from impactlaw.stepping.integration import empty_state, restore_state
 from impactlaw.stepping.soft.compiled import world
@@ -30,7 +25,7 @@ from impactlaw.stepping.soft.scheme import SoftStepping
 _DATA, _STEPS, _TAKEN, _STATUS = CONTEXT.data, CONTEXT.steps, CONTEXT.taken, CONTEXT.status
 
 
-class CompiledSoftStepping:
+class CompiledSoftStepping(OneWorld):
     """Soft stepping in compiled code, with the interface of `scheme.SoftStepping`; see there.
 
     Args:
@@ -39,15 +34,13 @@ class CompiledSoftStepping:
     """
 
     def __init__(self, scheme: SoftStepping, *, warn: bool):
-        self._scheme, self._warn = scheme, warn
         model: Any = scheme.model
-        self._model, self._trial, self._table, self._callbacks = model, mujoco.MjData(model), table(), callbacks()
+        super().__init__(model, entry.address, CONTEXT, warn=warn)
+        self._scheme, self._trial = scheme, mujoco.MjData(model)
         self._room, self._steps = len(empty_state(model)), 1
         self._states = np.zeros((1, self._room + SUMS))
         self._numbers = np.array([np.nan, 0.0, scheme.collisions.rest_speed, *np.zeros(SUMS)])
-        self._context = np.zeros(len(CONTEXT), np.int64)
-        self._entry = None if is_called_back() else Entry(entry.address, self._context)
-        self._fields, self._total = memoryview(self._context.data), memoryview(self._numbers.data)[TOTAL:]
+        self._total = memoryview(self._numbers.data)[TOTAL:]
         kept = scheme.collisions.bilateral
         self._bilateral = constraint_kinds(model) if kept.any() else np.zeros(0, np.uint8)
         self._take_over()
@@ -62,27 +55,17 @@ class CompiledSoftStepping:
         if self._reason is not None:
             self._tell(self._reason)
 
-    def _tell(self, why: str) -> None:
-        if self._warn:
-            self._warn = False
-            warnings.warn(f"steps are not compiled, but in Python: {why}", UncompiledWarning, stacklevel=5)
-
     def _write_context(self) -> None:
         """Write the addresses of the inputs of compiled code."""
         trial: Any = self._trial
-        arrays = {
-            "table": self._table, "numbers": self._numbers, "keys": self._coefficients.key,
-            "values": self._coefficients.value, "callbacks": self._callbacks, "states": self._states,
-            "bilateral": self._bilateral,
-        }  # fmt: skip
+        arrays = {"numbers": self._numbers, "states": self._states, "bilateral": self._bilateral}
         numbers = {
-            "model": self._model._address, "trial": trial._address,
-            "exact": self._settings[SETTING.exact], "last_exact": self._settings[SETTING.last_exact],
-            "frictional": self._scheme.collisions.friction, "most": self._settings[SETTING.most],
-            "collides": self._scheme.collides, "known": len(self._coefficients.key),
-            "callback_count": len(self._callbacks), "state_size": self._room, "constraints": len(self._bilateral),
+            "trial": trial._address, "exact": self._settings[SETTING.exact],
+            "last_exact": self._settings[SETTING.last_exact], "frictional": self._scheme.collisions.friction,
+            "most": self._settings[SETTING.most], "collides": self._scheme.collides, "state_size": self._room,
+            "constraints": len(self._bilateral),
         }  # fmt: skip
-        fill_context(self._context, CONTEXT, arrays, numbers)
+        self._fill_context(arrays, numbers)
 
     @property
     def unlocated(self) -> int:
@@ -106,14 +89,10 @@ class CompiledSoftStepping:
     def step(self, data: mujoco.MjData, steps: int = 1) -> Told:
         """Advance by a number of timesteps, 1 or more, and return their collisions, to be resolved on demand."""
         parts: list[Told] = []
-        if self._reason is not None:
+        opened = self._opened()
+        if opened is None:
             self._in_python(data, steps, parts)
             return together(parts)
-        if self._entry is None:
-            if is_called_back():
-                self._go_on(world.CALLBACK, data, steps, parts)
-                return together(parts)
-            self._entry = Entry(entry.address, self._context)
         if steps > self._steps:
             self._steps, self._states = steps, np.zeros((steps, self._room + SUMS))
             self._write_context()
@@ -121,8 +100,8 @@ class CompiledSoftStepping:
         fields[_DATA] = simulation._address  # pyright: ignore[reportAttributeAccessIssue]
         while steps:
             fields[_STEPS], begun = steps, data.time  # MuJoCo resets the time if it diverges
-            if self._entry.call():
-                self._fail(data, self._entry.message)
+            if opened.call():
+                self._fail(data, self._states[fields[_TAKEN], : self._room], opened.message)
             taken, how = fields[_TAKEN], fields[_STATUS]
             steps -= taken
             if self._total[0]:
@@ -145,7 +124,7 @@ class CompiledSoftStepping:
             self._write_context()
             return 0
         if how == world.CALLBACK:
-            self._tell("a callback of MuJoCo is set")
+            self._tell_of_callback()
         else:
             steps = 1
         self._in_python(data, steps, parts)
@@ -176,14 +155,6 @@ class CompiledSoftStepping:
     def sums(self) -> ImpactSums:
         """Return the sums over the collisions of the last call of compiled code."""
         return sums_in(self._total)
-
-    def _fail(self, data: mujoco.MjData, message: str) -> None:
-        """Restore the state, and raise MuJoCo's error."""
-        simulation: Any = data
-        for place in (DATA.pstack, DATA.pbase):  # empty MuJoCo's stack, which the error has left in use
-            ctypes.c_size_t.from_address(simulation._address + int(self._table[place])).value = 0
-        restore_state(self._model, data, self._states[int(self._context[CONTEXT.taken]), : self._room])
-        raise mujoco.FatalError(message)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the arguments of `__init__`: a copy begins anew with the same scheme."""

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import copy
-import ctypes
-import warnings
 import weakref
 from collections.abc import Callable
 from typing import Any
@@ -12,17 +10,16 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from impactlaw.errors import DivergenceError, InadmissibleImpactError, UncompiledWarning
+from impactlaw.errors import DivergenceError, InadmissibleImpactError
 from impactlaw.laws import Law
 from impactlaw.scene.equality_constraints import constraint_kinds
 from impactlaw.solvers import load_solvers
 from impactlaw.stepping.compatibility import refuse_override
-from impactlaw.stepping.compiled.engine import Entry, fill_context, when_gone
-from impactlaw.stepping.compiled.fields import DATA, SIZE
-from impactlaw.stepping.compiled.layout import table
-from impactlaw.stepping.compiled.libmujoco import callbacks, is_called_back
+from impactlaw.stepping.compiled.engine import when_gone
+from impactlaw.stepping.compiled.fields import SIZE
+from impactlaw.stepping.compiled.one_world import OneWorld
 from impactlaw.stepping.impact_event import ImpactEvent
-from impactlaw.stepping.integration import check_input, check_timestep, empty_state, restore_state
+from impactlaw.stepping.integration import check_input, check_timestep, empty_state
 from impactlaw.stepping.time_stepping.compiled.borrow import room
 from impactlaw.stepping.time_stepping.compiled.entry import CONTEXT, single
 from impactlaw.stepping.time_stepping.compiled.state import memory, status
@@ -33,36 +30,25 @@ from impactlaw.stepping.time_stepping.compiled.state.world import SETTING
 from impactlaw.stepping.time_stepping.compiled.told import Replay, Teller
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
-_CALLBACK = "a callback of MuJoCo is set"
 _DATA, _STATUS, _COLLIDED = CONTEXT.data, CONTEXT.status, MEMORY.collided
 
 
-class CompiledStepping:
+class CompiledStepping(OneWorld):
     """Time stepping in compiled code, with the interface of `scheme.TimeStepping`; see there."""
 
     def __init__(self, scheme: TimeStepping, *, warn: bool, sums: bool = False):
-        self._scheme, self._warn, self._sums = scheme, warn, float(sums)
-        model = scheme.model
+        model: Any = scheme.model
+        super().__init__(model, single.address, CONTEXT, warn=warn)
+        self._scheme, self._sums = scheme, float(sums)
         self._memory = memory.make_memory(model, 1)
         when_gone(self, memory.free, self._memory)
-        self._before = np.zeros(self._memory.shape[1])
+        self._before, self.numbers = np.zeros(self._memory.shape[1]), self._memory[0]
+        self._counts, self._told = self.numbers.view(np.int64), memoryview(self.numbers.data)
         self.unlocated = 0
         self._replay: weakref.ref[Replay] | None = None  # the last collision
-        self._prepare()
-
-    def _prepare(self) -> None:
-        """Allocate arrays for steps, and adopt the options of the scheme."""
-        model: Any = self._scheme.model
-        self._model, self.numbers = model, self._memory[0]
-        self._counts, self._state = self.numbers.view(np.int64), empty_state(model)
-        self._table, self._callbacks = table(), callbacks()
-        self._structure = np.zeros(int(self._table[SIZE.model]) // 8)
-        self._carriers = self._scheme.carriers
+        self._structure, self._state = np.zeros(int(self._table[SIZE.model]) // 8), empty_state(model)
         self._margins, self._settings = np.zeros(room(model)), np.zeros(len(SETTING))
-        self._bilateral, self._scratch = constraint_kinds(self._scheme.model), mujoco.MjData(model)
-        self._context = np.zeros(len(CONTEXT), np.int64)
-        self._entry = None if is_called_back() else Entry(single.address, self._context)
-        self._fields, self._told = memoryview(self._context.data), memoryview(self.numbers.data)
+        self._carriers, self._bilateral, self._scratch = scheme.carriers, constraint_kinds(model), mujoco.MjData(model)
         self._take_over()
 
     def _take_over(self) -> None:
@@ -78,26 +64,19 @@ class CompiledStepping:
             load_solvers()
             self._tell(self._reason)
 
-    def _tell(self, why: str) -> None:
-        if self._warn:
-            self._warn = False
-            warnings.warn(f"steps are not compiled, but in Python: {why}", UncompiledWarning, stacklevel=5)
-
     def _write_context(self) -> None:
         """Write addresses and sizes of all arrays for compiled code."""
         scratch: Any = self._scratch
         arrays = {
-            "table": self._table, "settings": self._settings, "carriers": self._carriers,
-            "bilateral": self._bilateral, "keys": self._coefficients.key, "values": self._coefficients.value,
+            "settings": self._settings, "carriers": self._carriers, "bilateral": self._bilateral,
             "memory": self._memory, "structure": self._structure, "margins": self._margins, "state": self._state,
-            "before": self._before, "callbacks": self._callbacks,
+            "before": self._before,
         }  # fmt: skip
         numbers = {
-            "model": self._model._address, "scratch": scratch._address, "known": len(self._coefficients.key),
-            "memories": self._memory.shape[1], "margin_count": len(self._margins), "states": len(self._state),
-            "callback_count": len(self._callbacks),
+            "scratch": scratch._address, "memories": self._memory.shape[1], "margin_count": len(self._margins),
+            "states": len(self._state),
         }  # fmt: skip
-        fill_context(self._context, CONTEXT, arrays, numbers)
+        self._fill_context(arrays, numbers)
 
     @property
     def shortfall(self) -> float:
@@ -124,25 +103,21 @@ class CompiledStepping:
         """Advance by one timestep; return a function for its collisions, or (). After an error, data is as before."""
         if self._replay is not None and (replay := self._replay()) is not None:
             _ = replay.start  # copies what the step overwrites
-        if self._reason is not None:
+        entry = self._opened()
+        if entry is None:
             return self._in_python(data)
-        if self._entry is None:
-            if is_called_back():
-                self._tell(_CALLBACK)
-                return self._in_python(data)
-            self._entry = Entry(single.address, self._context)
         if not self._inertial.act and self._inertial.look():
             self._settings[SETTING.inertial] = 1.0
         fields, world = self._fields, data
         fields[_DATA] = world._address  # pyright: ignore[reportAttributeAccessIssue]
         while True:
-            if self._entry.call():
-                self._fail(data, self._entry.message)
+            if entry.call():
+                self._fail(data, self._state, entry.message)
             how = fields[_STATUS]
             if how == status.FINE:
                 break
             if how == status.CALLBACK:
-                self._tell(_CALLBACK)
+                self._tell_of_callback()
                 return self._in_python(data)
             if how != status.UNKNOWN:
                 raise self._error(how, data)
@@ -161,14 +136,6 @@ class CompiledStepping:
         put_motion(self.numbers, self._model, self._scheme.last_motion)
         self.numbers[MEMORY.shortfall], self._counts[MEMORY.solved] = self._scheme.shortfall, self._scheme.solved
         return events
-
-    def _fail(self, data: mujoco.MjData, message: str) -> None:
-        """Restore data, and raise MuJoCo's error."""
-        world = data
-        for place in (DATA.pstack, DATA.pbase):  # the contents of MuJoCo's stack are lost
-            ctypes.c_size_t.from_address(world._address + int(self._table[place])).value = 0  # pyright: ignore[reportAttributeAccessIssue]
-        restore_state(self._model, data, self._state)
-        raise mujoco.FatalError(message)
 
     def _error(self, how: int, data: mujoco.MjData) -> Exception:
         """Return the error of a step that has ended like this."""
