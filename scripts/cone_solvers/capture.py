@@ -4,7 +4,6 @@ A scene is stepped from drops and with random controls, with e = 0 and 0.5, unde
 arguments that the scheme passes to its solver are copied. Problems that zero impulses solve are left out.
 """
 
-import inspect
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, Literal
@@ -18,8 +17,8 @@ from impactlaw import ImpactLawError, Moreau, Stepper
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import CONE
 from impactlaw.stepping.time_stepping import contact_impulses
-from impactlaw.stepping.time_stepping.problem.rows import Rows
-from impactlaw.stepping.time_stepping.problem.solution.contact_problem import guess
+from impactlaw.stepping.time_stepping.problem.rows import Known, Rows
+from impactlaw.stepping.time_stepping.problem.solution.contact_problem import Aims, Method, guess
 from impactlaw.stepping.time_stepping.problem.targets import write_offsets
 from scripts.robots import starts
 from scripts.robots.scenes import Loaded, Scene
@@ -64,7 +63,7 @@ def problems_of_run(
     controls = starts.controls(model, kind, data.ctrl.copy(), -(-steps // starts.HELD), int(rng.integers(1 << 31)))
     taken, seen = list[Problem](), list[Problem]()
     due = int(rng.integers(*between))
-    with _watched(lambda arguments: seen.append(problem_of(scene.name, arguments))):
+    with _watched(lambda *given: seen.append(problem_of(scene.name, *given))):
         for step in range(steps):
             data.ctrl[:] = controls[step // starts.HELD]
             seen.clear()
@@ -94,39 +93,36 @@ def _start(scene: Scene, loaded: Loaded, rng: np.random.Generator) -> mujoco.MjD
 
 
 @contextmanager
-def _watched(look: Callable[[dict[str, Any]], object]) -> Iterator[None]:
-    """Pass the arguments of every call of the scheme's `resolve_step`, by name, to a function."""
+def _watched(look: Callable[[Rows, Aims, Known, Method], object]) -> Iterator[None]:
+    """Pass the problem of every call of the scheme's `resolve_step` to a function."""
     own = contact_impulses.resolve_step
-    names = inspect.signature(own.py_func)
 
-    def seam(*arguments: object) -> object:
-        look(names.bind(*arguments).arguments)
-        return own(*arguments)
+    def seam(*given: Any) -> object:
+        rows, aims, _, known, _, _, _, method, _ = given
+        look(rows, aims, known, method)
+        return own(*given)
 
     with mock.patch.object(contact_impulses, "resolve_step", seam):
         yield
 
 
-def problem_of(scene: str, given: dict[str, Any]) -> Problem:
-    """Return the problem in the arguments of `resolve_step`, not scaled; all arrays are copies."""
-    groups, amounts, rates, tree = given["groups"], given["amounts"], given["rates"], given["tree"]
-    nnz, shape = given["sparse"][0], (groups[1].sum(), len(tree))
-    indptr = np.concatenate([[0], np.cumsum(nnz)]).astype(np.int32)
-    assert (given["sparse"][1] == indptr[:-1]).all()
-    rows = sparse.csr_array((given["value"].copy(), given["colind"].copy(), indptr), shape=shape)
-    known = given["known_groups"], given["known_key"], given["known_scale"], given["known"]
+def problem_of(scene: str, given: Rows, aims: Aims, known: Known, method: Method) -> Problem:
+    """Return the problem that `resolve_step` is given, not scaled; all arrays are copies."""
+    groups, rates, shape = given.groups, given.rates, (given.groups[1].sum(), len(method.tree))
+    indptr = np.concatenate([[0], np.cumsum(given.sparse[0])]).astype(np.int32)
+    assert (given.sparse[1] == indptr[:-1]).all()
     return Problem(
         scene=scene,
-        rows=rows,
-        tree=tree.copy(),
+        rows=sparse.csr_array((given.value.copy(), given.colind.copy(), indptr), shape=shape),
+        tree=method.tree.copy(),
         size=groups[1].copy(),
         kind=groups[2].copy(),
-        bound=amounts[1].copy(),
+        bound=given.amounts[1].copy(),
         compliance=rates[4].copy(),
-        offset=_offsets(groups, rates, given["target"], given["sliding"]),
-        guess=_recall(Rows(**{name: given[name] for name in Rows._fields}), known),
-        exact=given["exact"],
-        rounds=given["rounds"],
+        offset=_offsets(groups, rates, aims.target, aims.sliding),
+        guess=_recall(given, known[:4]),
+        exact=method.exact,
+        rounds=method.rounds,
     )
 
 

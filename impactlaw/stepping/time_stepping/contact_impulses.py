@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import mujoco
 import numpy as np
@@ -24,7 +24,8 @@ from impactlaw.stepping.time_stepping.problem.drifts import hold
 from impactlaw.stepping.time_stepping.problem.phases import later_rates, mark_later, reached_by, some_groups
 from impactlaw.stepping.time_stepping.problem.rows import Known, Rows
 from impactlaw.stepping.time_stepping.problem.seen import Seen, in_order
-from impactlaw.stepping.time_stepping.problem.solution.resolve import resolve_step
+from impactlaw.stepping.time_stepping.problem.solution.contact_problem import Aims, Method
+from impactlaw.stepping.time_stepping.problem.solution.resolve import Resolved, resolve_step
 from impactlaw.stepping.time_stepping.problem.solution.scaling import RESERVE
 from impactlaw.stepping.time_stepping.problem.targets import close_gaps, contact_targets
 from impactlaw.stepping.time_stepping.problem.turns import keep_sticking
@@ -52,22 +53,19 @@ class _Phase:
     later: np.ndarray  # given groups that are left out because they are hit only through others, bool (g,)
     cut: bool  # whether some such contacts are not left out
     scalable: bool  # whether restitution creates energy, which must be scaled away or raised as an error
-    target: np.ndarray  # ``gamma^h`` of the groups that take part
-    sliding: np.ndarray  # target sliding velocities
     collides: np.ndarray  # groups that collide
     seen: Seen | None  # the contacts shown to the law, if it was asked
     together: bool  # whether the law couples contacts that do not influence each other
-    answer: tuple[Any, ...]  # answer of `resolve_step`
+    answer: Resolved
 
     def gives_up(self, left: np.ndarray) -> bool:
         """Return whether restitution is given up: bodies jam, or no work was left to find what creates no energy."""
-        share, created = self.answer[6:8]
-        return bool(share == 0.0 or created > 0.0 >= left[0])
+        return bool(self.answer.share == 0.0 or self.answer.created > 0.0 >= left[0])
 
     @property
     def solved(self) -> bool:
         """Whether the law is met."""
-        return is_met(self.answer[4], self.answer[5])
+        return is_met(self.answer.missed, self.answer.fastest)
 
 
 class ContactProblem:
@@ -136,29 +134,30 @@ class ContactProblem:
         impulse, before, after = np.zeros(len(rows.scale)), step.velocity, step.free
         missed = fastest = work = rounding = residual = 0.0
         records: tuple[CollisionRecord, ...] = ()
-        shift = reached = sliding = np.zeros(0)
-        cut, more = False, phases
+        cut, more, answer = False, phases, None
         for phase in range(PHASES):
             met = self._meet(step, now, before, known, rounds, may, more=more and phase < PHASES - 1)
             cut = cut or met.cut or met.gives_up(step.left)
             more = more and met.solved
-            x, change, shift, reached, miss, fast, _, _, done, part, rest, z, sliding = met.answer
-            impulse[place[met.place]] += x
-            after = after + change
-            missed, fastest, residual = max(missed, miss), max(fastest, fast), max(residual, rest)
-            work, rounding = work + done, rounding + part
+            answer = met.answer
+            impulse[place[met.place]] += answer.impulse
+            after = after + answer.change
+            missed, fastest = max(missed, answer.missed), max(fastest, answer.fastest)
+            residual = max(residual, answer.residual)
+            work, rounding = work + answer.work, rounding + answer.rounding
             if np.count_nonzero(met.collides):
                 records += (self._record(step, met, before, after),)
             if not np.count_nonzero(met.later):
                 break
             keep = reached_by(now, self._model.dof_treeid, met.later)
-            now, where = some_groups(now._replace(rates=later_rates(now, z)), keep)
+            now, where = some_groups(now._replace(rates=later_rates(now, answer.jump)), keep)
             place, may, rounds = place[where], met.later[keep], FEW_ROUNDS
             before = step.velocity + (after - step.free)
-        if phases:
-            reached = np.full(len(rows.key), np.nan)
+        assert answer is not None
+        reached = np.full(len(rows.key), np.nan) if phases else answer.reached
         return StepImpulses(
-            impulse, after, shift, missed, fastest, residual, work, rounding, records, cut, reached, sliding
+            impulse, after, answer.shift, missed, fastest, residual, work, rounding, records, cut, reached,
+            answer.sliding,
         )  # fmt: skip
 
     def _meet(
@@ -174,7 +173,7 @@ class ContactProblem:
             if not cut or not more or not met.solved or step.left[0] <= RESERVE:
                 break
             later[keep] |= new
-            known, rounds = met.rows.known(met.answer[0]), FEW_ROUNDS
+            known, rounds = met.rows.known(met.answer.impulse), FEW_ROUNDS
             part, place = some_groups(rows, ~later)
         if met.scalable:
             met = self._solve(step, part, before, known, rounds, may[keep], scaled=True)
@@ -184,7 +183,8 @@ class ContactProblem:
         """Return which contacts are hit only through the collision of others, bool (g,)."""
         later = np.zeros_like(met.collides)
         if np.count_nonzero(met.collides) and self.targets.restitution != 0.0:
-            mark_later(met.rows, met.answer[11], met.answer[0], met.collides, self._rest_speed, RESOLVED, later)
+            jump, impulse = met.answer.jump, met.answer.impulse
+            mark_later(met.rows, jump, impulse, met.collides, self._rest_speed, RESOLVED, later)
         return later
 
     def _solve(
@@ -208,11 +208,11 @@ class ContactProblem:
             keep_sticking(rows.groups, rows.rates, RESOLVED, sliding)
         project = scaled and self._on_inadmissible == "project"
         answer = resolve_step(
-            *rows, target, sliding, collides, bound, *known[:4], h, self._exact, project, together, rounds,
-            step.left, model.dof_treeid, *step.metric,
+            rows, Aims(target, sliding, collides), bound, known, h, project, together,
+            Method(model.dof_treeid, self._exact, rounds, step.left), step.metric,
         )  # fmt: skip
-        missed, created = answer[4], answer[7]
-        if not np.isfinite(missed):
+        created = answer.created
+        if not np.isfinite(answer.missed):
             raise DivergenceError(f"the forces at t = {step.data.time - h:.6g} s are not finite")
         if scaled and created > 0.0 and self._on_inadmissible == "raise":
             raise InadmissibleImpactError(
@@ -221,7 +221,7 @@ class ContactProblem:
             )
         none = np.zeros(len(rows.key), dtype=bool)
         scalable = created > 0.0 and self._on_inadmissible != "allow"
-        return _Phase(rows, np.arange(n), none, False, scalable, target, sliding, collides, seen, together, answer)
+        return _Phase(rows, np.arange(n), none, False, scalable, collides, seen, together, answer)
 
     def _collide(
         self,
@@ -295,10 +295,10 @@ class ContactProblem:
 
     def _record(self, step: Start, met: _Phase, before: np.ndarray, after: np.ndarray) -> CollisionRecord:
         """Return a record of a collision."""
-        rows, (x, _, _, reached, _, _, share, *_, aimed) = met.rows, met.answer
-        seen = met.seen or self._see(step, rows)
+        answer, pushed = met.answer, met.answer.impulse[met.rows.first] > 0.0
+        seen = met.seen or self._see(step, met.rows)
         by_islands = self._on_inadmissible != "allow" and not met.together
         return CollisionRecord(
-            seen, met.collides, x[rows.first] > 0.0, step.data.time - 0.5 * self._model.opt.timestep, step.middle,
-            before, after.copy(), reached, aimed, self._exact, float(share), by_islands,
+            seen, met.collides, pushed, step.data.time - 0.5 * self._model.opt.timestep, step.middle, before,
+            after.copy(), answer.reached, answer.sliding, self._exact, answer.share, by_islands,
         )  # fmt: skip

@@ -8,12 +8,11 @@ import numpy as np
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import plain
-from impactlaw.stepping.compiled.dense import sparse_jacobian
 from impactlaw.stepping.compiled.whitening import Inertia
 from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
 from impactlaw.stepping.time_stepping.problem.overlaps import open_overlaps
-from impactlaw.stepping.time_stepping.problem.reader import RowReader
-from impactlaw.stepping.time_stepping.problem.rows import Rows, read_rows
+from impactlaw.stepping.time_stepping.problem.reader import RowReader, read_rows
+from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.standing import find_standing
 
 _SEEN = 3e-6
@@ -175,15 +174,7 @@ class SecondLook:
             mujoco.mj_tendon(model, now)
         mujoco.mj_makeConstraint(model, now)
         near = self._reader.without_tied(now, (now.efc_type <= LAST_LOSS) | (now.efc_pos < BEYOND * depth))
-        found = now.contact
-        seen = Rows(
-            *read_rows(
-                now.efc_type, now.efc_id, now.efc_pos, nothing[:0], now.efc_aref, now.efc_R, now.efc_frictionloss,
-                *sparse_jacobian(model, now), found.dim, found.geom, found.friction, *metric,
-                model.dof_treeid, model.tree_dofadr, model.tree_dofnum,
-                nothing, nothing, near, h, True, 0.0,
-            )
-        )  # fmt: skip
+        seen = read_rows(model, now, metric, nothing, nothing, near, belts=False)
         started = rows.gap - 0.5 * h * rows.before[rows.first]
         need, some = end_targets(seen.groups, seen.key, seen.amounts, depth, rows.key, started, h)
         if not some:

@@ -6,27 +6,36 @@ import numpy as np
 
 from impactlaw.compiled import for_python
 from impactlaw.solvers.cones import CONE
+from impactlaw.stepping.compiled.whitening import Inertia
 from impactlaw.stepping.time_stepping.problem import energy
-from impactlaw.stepping.time_stepping.problem.rows import Rows
-from impactlaw.stepping.time_stepping.problem.solution.resolve import resolve_step
+from impactlaw.stepping.time_stepping.problem.rows import Known, Rows
+from impactlaw.stepping.time_stepping.problem.solution.contact_problem import Aims, Method
+from impactlaw.stepping.time_stepping.problem.solution.resolve import Resolved, resolve_step
 
 _lose_energy = for_python(energy.lose_energy)
+
+
+def _resolve(rows: Rows, target: list[float], tree: np.ndarray) -> Resolved:
+    """Resolve contacts of masses of 1 kg on rails, each a tree of bodies, with all restitution, without friction."""
+    nv, none, no = len(tree), np.zeros(len(target), dtype=bool), np.zeros(0)
+    one, count, at = np.ones(nv), np.ones(nv, np.int32), np.arange(nv, dtype=np.int32)
+    known = Known(np.zeros((4, 0), np.int32), np.zeros(0, np.int64), no, no, np.zeros((2, 0)))
+    return resolve_step(
+        rows, Aims(np.array(target), np.zeros(len(target)), none), none, known, 0.002, True, False,
+        Method(tree, True, 1, np.ones(1)), Inertia(one, one, count, at, np.zeros(nv, np.int32)),
+    )  # fmt: skip
 
 
 def _resolved(direction: list[float], free: list[float], target: list[float]) -> tuple[np.ndarray, float]:
     """Return the velocity change of 1 kg on a rail under these contacts, and the error with respect to its law, m/s."""
     n = len(free)
-    rows, no = np.arange(n, dtype=np.int32), np.zeros(0)
-    sparse = np.ascontiguousarray([np.ones(n), rows, rows], dtype=np.int32)
-    groups = np.ascontiguousarray([rows, np.ones(n), np.full(n, CONE), rows], dtype=np.int32)
+    at = np.arange(n, dtype=np.int32)
+    sparse = np.ascontiguousarray([np.ones(n), at, at], dtype=np.int32)
+    groups = np.ascontiguousarray([at, np.ones(n), np.full(n, CONE), at], dtype=np.int32)
     rates = np.ascontiguousarray([np.ones(n), free, free, np.zeros(n), np.zeros(n)])
-    one, first, none = np.ones(1), np.zeros(1, np.int32), np.zeros(n, dtype=bool)
-    answer = resolve_step(
-        sparse, np.zeros(n, np.int32), np.array(direction), groups, np.arange(n), np.zeros((2, n)), rates,
-        np.array(target), np.zeros(n), none, none, np.zeros((4, 0), np.int32), np.zeros(0, np.int64), no, no, 0.002,
-        True, True, False, 1, np.ones(1), first, one, one, np.ones(1, np.int32), first, first,
-    )  # fmt: skip
-    return answer[1], answer[4]
+    rows = Rows(sparse, np.zeros(n, np.int32), np.array(direction), groups, np.arange(n), np.zeros((2, n)), rates)
+    answer = _resolve(rows, target, np.zeros(1, np.int32))
+    return answer.change, answer.missed
 
 
 def test_a_law_that_can_be_met_is():
@@ -47,14 +56,11 @@ def test_velocities_that_are_not_finite_are_not_taken_for_zero():
 
 def test_an_overlap_whose_gradient_nearly_vanishes_moves_a_joint_by_little():
     gap, timestep = -0.1, 0.002
-    one, first, no, none = np.ones(1), np.zeros(1, np.int32), np.zeros(0), np.zeros(1, dtype=bool)
     groups = np.array([[0], [1], [CONE], [0]], np.int32)
     amounts, rates = np.array([[gap], [0.0]]), np.array([[1.0], [0.0], [0.0], [0.0], [0.0]])
-    shift = resolve_step(
-        np.array([[1], [0], [0]], np.int32), first, np.array([1e-9]), groups, np.zeros(1, np.int64), amounts, rates,
-        np.zeros(1), np.zeros(1), none, none, np.zeros((4, 0), np.int32), np.zeros(0, np.int64), no, no,
-        timestep, True, True, False, 1, np.ones(1), first, one, one, np.ones(1, np.int32), first, first,
-    )[2]  # fmt: skip
+    sparse, first = np.array([[1], [0], [0]], np.int32), np.zeros(1, np.int32)
+    rows = Rows(sparse, first, np.array([1e-9]), groups, np.zeros(1, np.int64), amounts, rates)
+    shift = _resolve(rows, [0.0], first).shift
     np.testing.assert_allclose(timestep * shift, 0.1, rtol=1e-12)  # m; without a bound it would be 2e6
 
 
@@ -88,15 +94,12 @@ def test_what_is_solved_keeps_its_impulses():
 
 def test_a_body_that_cannot_meet_its_law_takes_nothing_from_another():
     """Two masses on rails: walls throw the first one back from both sides, the second one rebounds."""
-    rows, one, first, no = np.arange(3, dtype=np.int32), np.ones(3), np.zeros(2, np.int32), np.zeros(0)
-    free, none = np.array([0.0, 0.0, -2.0]), np.zeros(3, dtype=bool)
-    answer = resolve_step(
-        np.ascontiguousarray([one, rows, rows], dtype=np.int32), np.array([0, 0, 1], np.int32),
-        np.array([1.0, -1.0, 1.0]), np.ascontiguousarray([rows, one, np.full(3, CONE), rows], dtype=np.int32),
-        np.arange(3), np.zeros((2, 3)), np.ascontiguousarray([one, free, free, np.zeros(3), np.zeros(3)]),
-        np.array([1.0, 3.0, 1.0]), np.zeros(3), none, none, np.zeros((4, 0), np.int32),
-        np.zeros(0, np.int64), no, no, 0.002, True, True, False, 1, np.ones(1), np.array([0, 1], np.int32),
-        one[:2], one[:2], np.ones(2, np.int32), np.array([0, 1], np.int32), first,
+    at, one, free = np.arange(3, dtype=np.int32), np.ones(3), np.array([0.0, 0.0, -2.0])
+    rows = Rows(
+        np.ascontiguousarray([one, at, at], dtype=np.int32), np.array([0, 0, 1], np.int32), np.array([1.0, -1.0, 1.0]),
+        np.ascontiguousarray([at, one, np.full(3, CONE), at], dtype=np.int32), np.arange(3), np.zeros((2, 3)),
+        np.ascontiguousarray([one, free, free, np.zeros(3), np.zeros(3)]),
     )  # fmt: skip
-    assert answer[4] > 0.5
-    np.testing.assert_allclose(answer[1], [0.0, 3.0], atol=1e-9)
+    answer = _resolve(rows, [1.0, 3.0, 1.0], np.array([0, 1], np.int32))
+    assert answer.missed > 0.5
+    np.testing.assert_allclose(answer.change, [0.0, 3.0], atol=1e-9)

@@ -4,14 +4,84 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
+from numba import types
 
+from impactlaw.compiled import compiled
 from impactlaw.scene.contacts import Contacts
 from impactlaw.scene.equality_constraints import constraint_kinds, lengths
 from impactlaw.scene.moving_surfaces import Surfaces
+from impactlaw.solvers.cones.algebra.loops import FLOATS, cleared, numbers
 from impactlaw.stepping.compiled.dense import sparse_jacobian
 from impactlaw.stepping.compiled.ties import mark_tied_contacts
-from impactlaw.stepping.compiled.whitening import Inertia
-from impactlaw.stepping.time_stepping.problem.rows import Rows, near_rows, read_rows
+from impactlaw.stepping.compiled.whitening import INERTIA, Inertia
+from impactlaw.stepping.time_stepping.problem.rows import (
+    JACOBIAN,
+    ROWS,
+    SOURCE,
+    Rows,
+    Source,
+    count_groups,
+    entries_of,
+    find_near,
+    write_rows,
+)
+
+_INTS, _MARKS = types.int32[::1], types.boolean[::1]
+
+
+@compiled(_MARKS(_INTS, FLOATS, JACOBIAN, types.int32[:], FLOATS, FLOATS, types.float64))
+def _near_rows(kinds, position, jacobian, address, one, other, reach):
+    """Return the result of `find_near`, bool (nefc,)."""
+    near = np.empty(len(kinds), np.bool_)
+    find_near(kinds, position, jacobian, address, one, other, reach, near)
+    return near
+
+
+@compiled(
+    ROWS(
+        SOURCE, INERTIA, types.UniTuple(_INTS, 3), FLOATS, FLOATS, _MARKS, types.float64, types.boolean, types.float64
+    )
+)  # fmt: skip
+def _read_rows(source, inertia, trees, before, free, near, timestep, frictional, touching):
+    """Return the rows that `write_rows` writes; see there."""
+    mark = cleared(len(trees[1]))
+    groups, count = count_groups(source.kinds, source.number, source.dim, source.friction, near, frictional)
+    entries = entries_of(source.jacobian, trees, mark)
+    rows = Rows(
+        np.empty((3, count), np.int32), np.empty(entries, np.int32), np.empty(entries), np.empty((4, groups), np.int32),
+        np.empty(groups, np.int64), np.empty((2, groups)), np.empty((7, count)),
+    )  # fmt: skip
+    room = numbers(2 * len(before))
+    end = write_rows(source, inertia, trees, before, free, near, timestep, frictional, touching, mark, room, rows)
+    return Rows(
+        rows.sparse, rows.colind[:end], rows.value[:end], rows.groups, rows.key, rows.amounts, rows.rates
+    )  # fmt: skip
+
+
+def read_rows(
+    model: mujoco.MjModel, data: mujoco.MjData, metric: Inertia, start: np.ndarray, free: np.ndarray, near: np.ndarray,
+    *, belts: bool = True, frictional: bool = True, touching: float = 0.0,
+) -> Rows:  # fmt: skip
+    """Return the rows of data's current contacts whose groups are near.
+
+    Args:
+        model: the scene.
+        data: the state with current contacts and constraints.
+        metric: the mass matrix of the step.
+        start: velocity at the start of the step, (nv,).
+        free: velocity without contact, (nv,).
+        near: rows of MuJoCo that begin a group that takes part, bool (nefc,).
+        belts: whether velocities of belts count.
+        frictional: whether rows of friction take part.
+        touching: gap, m or rad, up to which bodies at rest touch.
+    """
+    found, trees = data.contact, (model.dof_treeid, model.tree_dofadr, model.tree_dofnum)
+    source = Source(
+        data.efc_type, data.efc_id, data.efc_pos, data.efc_vel if belts else data.efc_vel[:0], data.efc_aref,
+        data.efc_R, data.efc_frictionloss, sparse_jacobian(model, data),
+        *(np.ascontiguousarray(array) for array in (found.dim, found.geom, found.friction)),
+    )  # fmt: skip
+    return _read_rows(source, metric, trees, start, free, near, model.opt.timestep, frictional, touching)
 
 
 class RowReader:
@@ -41,7 +111,7 @@ class RowReader:
         if self._surfaces is not None and self._surfaces.move:  # surfaces come near to bodies that do not move
             near = np.ones(data.nefc, dtype=bool)
         else:
-            near = near_rows(data.efc_type, data.efc_pos, *jacobian, address, one, other, reach)
+            near = _near_rows(data.efc_type, data.efc_pos, jacobian, address, one, other, reach)
         return self.without_tied(data, near)
 
     def without_tied(self, data: mujoco.MjData, near: np.ndarray) -> np.ndarray:
@@ -67,18 +137,11 @@ class RowReader:
             free: velocity without contact, (nv,).
             metric: the mass matrix of the step.
         """
-        model, contact, h = self._model, data.contact, self._model.opt.timestep
-        rows = Rows(
-            *read_rows(
-                data.efc_type, data.efc_id, data.efc_pos, data.efc_vel, data.efc_aref, data.efc_R,
-                data.efc_frictionloss, *sparse_jacobian(model, data),
-                contact.dim, contact.geom, contact.friction, *metric,
-                model.dof_treeid, model.tree_dofadr, model.tree_dofnum,
-                start, free, near, h, self.frictional, self._touching,
-            )
-        )  # fmt: skip
+        rows = read_rows(
+            self._model, data, metric, start, free, near, frictional=self.frictional, touching=self._touching
+        )
         if self._surfaces is not None and self._surfaces.move:
-            self._add_surfaces(self._surfaces, data, rows, h)
+            self._add_surfaces(self._surfaces, data, rows, self._model.opt.timestep)
         return rows
 
     def _add_surfaces(self, surfaces: Surfaces, data: mujoco.MjData, rows: Rows, h: float) -> None:

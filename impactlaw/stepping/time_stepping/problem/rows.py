@@ -12,11 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from impactlaw.compiled import compiled
 from impactlaw.scene.tolerances import NO_FRICTION
 from impactlaw.solvers.cones import BILATERAL, BOX, CONE
-from impactlaw.solvers.cones.algebra.loops import FLOATS, Array, cleared, numbers, plain
-from impactlaw.stepping.compiled.whitening import Inertia, whiten
+from impactlaw.solvers.cones.algebra.loops import FLOATS, Array, plain
+from impactlaw.stepping.compiled.whitening import whiten
 from impactlaw.stepping.time_stepping.problem.rest import close_tiny_gaps
 
 NEAR = 1e-5
@@ -124,10 +123,42 @@ class Rows(NamedTuple):
         return self.rates[4]
 
 
-_TABLE, _INTS = types.float64[:, ::1], types.int32[:, ::1]
-ROWS = types.NamedTuple([_INTS, types.int32[::1], FLOATS, _INTS, types.int64[::1], _TABLE, _TABLE], Rows)
-KNOWN = types.NamedTuple([_INTS, types.int64[::1], FLOATS, FLOATS, _TABLE], Known)
-"""The types of `Rows` and `Known` in compiled code."""
+class Source(NamedTuple):
+    """MuJoCo's rows and contacts, from which the rows of a step are read.
+
+    Attributes:
+        kinds: efc_type, (nefc,).
+        number: efc_id, (nefc,).
+        position: efc_pos, m or rad, (nefc,).
+        velocity: efc_vel, m/s or rad/s, (nefc,); (0,) to leave out velocities of belts.
+        reference: efc_aref, (nefc,).
+        regularizer: efc_R, (nefc,).
+        loss: efc_frictionloss, (nefc,).
+        jacobian: number of entries and first entry of each row, degree of freedom of each entry, and the entries.
+        dim: condim of contacts, (ncon,).
+        geoms: geoms of contacts, (ncon, 2).
+        friction: coefficients of contacts, (ncon, 5).
+    """
+
+    kinds: Array
+    number: Array
+    position: Array
+    velocity: Array
+    reference: Array
+    regularizer: Array
+    loss: Array
+    jacobian: tuple[Array, Array, Array, Array]
+    dim: Array
+    geoms: Array
+    friction: Array
+
+
+_INTS, _TABLE, _INT_TABLE = types.int32[::1], types.float64[:, ::1], types.int32[:, ::1]
+JACOBIAN = types.Tuple((_INTS, _INTS, _INTS, FLOATS))
+ROWS = types.NamedTuple([_INT_TABLE, _INTS, FLOATS, _INT_TABLE, types.int64[::1], _TABLE, _TABLE], Rows)
+KNOWN = types.NamedTuple([_INT_TABLE, types.int64[::1], FLOATS, FLOATS, _TABLE], Known)
+SOURCE = types.NamedTuple([_INTS] * 2 + [FLOATS] * 5 + [JACOBIAN, _INTS, _INT_TABLE, _TABLE], Source)
+"""The types of a Jacobian, `Rows`, `Known` and `Source` in compiled code."""
 
 
 @plain
@@ -175,7 +206,20 @@ def _is_near(row, position, jacobian, one, other, reach):
 
 @plain
 def find_near(kinds, position, jacobian, address, one, other, reach, near):
-    """Write the result of `near_rows`, bool (nefc,)."""
+    """Write which of MuJoCo's rows begin a contact or limit that is closed or would soon be, bool (nefc,).
+
+    The condition is ``gap + reach min(J v, 0) < 0`` for one of two velocities. All rows of other kinds are included.
+
+    Args:
+        kinds: kinds of the rows, (nefc,).
+        position: gaps, (nefc,).
+        jacobian: see `Source`.
+        address: first rows of contacts, (ncon,).
+        one: a velocity, (nv,).
+        other: another velocity, (nv,).
+        reach: time, s.
+        near: written.
+    """
     for row in range(len(kinds)):
         near[row] = kinds[row] <= 2
         if kinds[row] == 3 or kinds[row] == 4:
@@ -183,31 +227,6 @@ def find_near(kinds, position, jacobian, address, one, other, reach, near):
     for row in address:
         if row >= 0:
             near[row] = _is_near(row, position, jacobian, one, other, reach)
-
-
-@compiled(
-    "(int32[::1],float64[::1],int32[::1],int32[::1],int32[::1],float64[::1],int32[:],float64[::1],float64[::1],float64)"
-)
-def near_rows(kinds, position, Jnnz, Jadr, Jcol, J, address, one, other, reach):
-    """Return which of MuJoCo's rows begin a contact or limit that is closed or would soon be, bool (nefc,).
-
-    The condition is ``gap + reach min(J v, 0) < 0`` for one of two velocities. All rows of other kinds are included.
-
-    Args:
-        kinds: kinds of the rows, (nefc,).
-        position: gaps, (nefc,).
-        Jnnz: number of entries of each row of J.
-        Jadr: index of the first entry of each row.
-        Jcol: degree of freedom of each entry.
-        J: the entries.
-        address: first rows of contacts, (ncon,).
-        one: a velocity, (nv,).
-        other: another velocity, (nv,).
-        reach: time, s.
-    """
-    near = np.empty(len(kinds), np.bool_)
-    find_near(kinds, position, (Jnnz, Jadr, Jcol, J), address, one, other, reach, near)
-    return near
 
 
 @plain
@@ -236,36 +255,6 @@ def entries_of(jacobian, trees, mark):
         for k in range(adr[row], adr[row] + nnz[row]):
             mark[tree[col[k]]] = False
     return entries
-
-
-class Source(NamedTuple):
-    """MuJoCo's rows and contacts, from which the rows of a step are read.
-
-    Attributes:
-        kinds: efc_type, (nefc,).
-        number: efc_id, (nefc,).
-        position: efc_pos, m or rad, (nefc,).
-        velocity: efc_vel, m/s or rad/s, (nefc,); (0,) to leave out velocities of belts.
-        reference: efc_aref, (nefc,).
-        regularizer: efc_R, (nefc,).
-        loss: efc_frictionloss, (nefc,).
-        jacobian: number of entries and first entry of each row, degree of freedom of each entry, and the entries.
-        dim: condim of contacts, (ncon,).
-        geoms: geoms of contacts, (ncon, 2).
-        friction: coefficients of contacts, (ncon, 5).
-    """
-
-    kinds: Array
-    number: Array
-    position: Array
-    velocity: Array
-    reference: Array
-    regularizer: Array
-    loss: Array
-    jacobian: tuple[Array, Array, Array, Array]
-    dim: Array
-    geoms: Array
-    friction: Array
 
 
 @plain
@@ -359,32 +348,3 @@ def write_rows(source, inertia, trees, before, free, near, timestep, frictional,
         g += 1
     close_tiny_gaps(rows, before, free, inertia, trees[0], touching, root, work)
     return end
-
-
-@compiled(
-    # MuJoCo's arrays of contacts are strided, but with a single contact numpy reports them as contiguous
-    "(int32[::1],int32[::1],float64[::1],float64[::1],float64[::1],float64[::1],float64[::1],"
-    "int32[::1],int32[::1],int32[::1],float64[::1],int32[:],int32[:,:],float64[:,:],"
-    "float64[::1],float64[::1],int32[::1],int32[::1],int32[::1],int32[::1],int32[::1],int32[::1],"
-    "float64[::1],float64[::1],boolean[::1],float64,boolean,float64)"
-)
-def read_rows(
-    kinds, number, position, velocity, reference, regularizer, loss, Jnnz, Jadr, Jcol, J, dim, geoms, friction,
-    factor, inverse, Mnnz, Madr, Mcol, tree, treeadr, treenum, before, free, near, timestep, frictional, touching,
-):  # fmt: skip
-    """Return the fields of `Rows` as a tuple, in order; the arguments are MuJoCo's current arrays.
-
-    They are those of `Source`, `Inertia` and `write_rows`. Dense rows are given as sparse rows with all entries.
-    """
-    jacobian, inertia = (Jnnz, Jadr, Jcol, J), Inertia(factor, inverse, Mnnz, Madr, Mcol)
-    source = Source(kinds, number, position, velocity, reference, regularizer, loss, jacobian, dim, geoms, friction)
-    mark, trees = cleared(len(treeadr)), (tree, treeadr, treenum)
-    groups, count = count_groups(kinds, number, dim, friction, near, frictional)
-    entries = entries_of(jacobian, trees, mark)
-    rows = Rows(
-        np.empty((3, count), np.int32), np.empty(entries, np.int32), np.empty(entries), np.empty((4, groups), np.int32),
-        np.empty(groups, np.int64), np.empty((2, groups)), np.empty((7, count)),
-    )  # fmt: skip
-    room = numbers(2 * len(before))
-    end = write_rows(source, inertia, trees, before, free, near, timestep, frictional, touching, mark, room, rows)
-    return rows.sparse, rows.colind[:end], rows.value[:end], rows.groups, rows.key, rows.amounts, rows.rates

@@ -247,7 +247,7 @@ def test_contacts_of_a_face_are_left_out_together(seed, monkeypatch):
     stepper, sizes, solve = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled="never"), [], resolve_step
     monkeypatch.setattr(
         "impactlaw.stepping.time_stepping.contact_impulses.resolve_step",
-        lambda *problem: (sizes.append(len(problem[4])), solve(*problem))[1],
+        lambda rows, *problem: (sizes.append(len(rows.key)), solve(rows, *problem))[1],
     )
     stepper.step(data)
     assert len(stepper.events) == 2

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import types
 
 from impactlaw.compiled import compiled
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.loops import FLOATS, counts, numbers, plain
-from impactlaw.stepping.compiled.whitening import INERTIA, Inertia, unwhitened
+from impactlaw.solvers.cones.algebra.loops import FLOATS, Array, counts, numbers, plain
+from impactlaw.stepping.compiled.whitening import INERTIA, unwhitened
 from impactlaw.stepping.time_stepping.problem.energy import CREATED, contact_work, is_held, is_met, lose_energy
 from impactlaw.stepping.time_stepping.problem.overlaps import move_apart, overlap_targets
-from impactlaw.stepping.time_stepping.problem.rows import ROWS, Rows
+from impactlaw.stepping.time_stepping.problem.rows import KNOWN, ROWS
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import (
     AIMS,
     METHOD,
     UNSOLVED,
     Aims,
-    Method,
     Solution,
     guess,
     shortfall,
@@ -27,6 +28,43 @@ from impactlaw.stepping.time_stepping.problem.solution.driven import solve_undri
 _MARKS = types.boolean[::1]
 _KNOWN = types.Tuple((types.int32[:, ::1], types.int64[::1], FLOATS, FLOATS))
 _FOUND = types.Tuple((types.boolean, *[types.float64] * 7))
+
+
+class Resolved(NamedTuple):
+    """The answer of `resolve_step`.
+
+    Attributes:
+        impulse: impulses, in units of the problem, (n,).
+        change: change of velocity, (nv,).
+        shift: velocity that opens overlaps, (nv,); empty if there is none to open.
+        reached: the targets that were aimed at, with restitution scaled, (g,).
+        missed: largest amount by which a contact velocity misses its target, m/s or rad/s.
+        fastest: largest velocity of a row, m/s or rad/s.
+        share: smallest share of restitution that is kept.
+        created: energy that the collision would create without scaling, J.
+        work: work of contact, J.
+        rounding: part of the work that is rounding, J.
+        residual: residual of the natural map, including friction, relative to the largest velocity.
+        jump: whitened change of velocity, (nv,).
+        sliding: target sliding velocities, (n,).
+    """
+
+    impulse: Array
+    change: Array
+    shift: Array
+    reached: Array
+    missed: float
+    fastest: float
+    share: float
+    created: float
+    work: float
+    rounding: float
+    residual: float
+    jump: Array
+    sliding: Array
+
+
+_RESOLVED = types.NamedTuple([*[FLOATS] * 4, *[types.float64] * 7, FLOATS, FLOATS], Resolved)
 
 
 @plain
@@ -85,42 +123,29 @@ def resolve(rows, aims, bound, known, timestep, dissipative, together, method, i
     )  # fmt: skip
 
 
-@compiled(
-    "Tuple((float64[::1],float64[::1],float64[::1],float64[::1],float64,float64,float64,float64,float64,float64,"
-    "float64,float64[::1],float64[::1]))(int32[:,::1],int32[::1],float64[::1],int32[:,::1],int64[::1],float64[:,::1],"
-    "float64[:,::1],float64[::1],float64[::1],boolean[::1],boolean[::1],int32[:,::1],int64[::1],float64[::1],"
-    "float64[::1],float64,boolean,boolean,boolean,int64,float64[::1],int32[::1],float64[::1],float64[::1],int32[::1],"
-    "int32[::1],int32[::1])"
-)
-def resolve_step(
-    sparse, colind, value, groups, key, amounts, rates, target, sliding, collides, bound,
-    known_groups, known_key, known_scale, known, timestep, exact, dissipative, together, rounds, left, tree,
-    factor, inverse, Mnnz, Madr, Mcol,
-):  # fmt: skip
+@compiled(_RESOLVED(ROWS, AIMS, _MARKS, KNOWN, types.float64, types.boolean, types.boolean, METHOD, INERTIA))
+def resolve_step(rows, aims, bound, known, timestep, dissipative, together, method, inertia):
     """Resolve the contacts of a step.
 
-    Equality constraints that are `bound`, bool (g,), do not drive the collision, see `driven`. Restitution that creates
-    energy is scaled for each group of contacts that influence each other, or for all of them `together`, as needed
-    under a law that couples other contacts.
-
-    The work of the solvers is subtracted from `left` (1,), the part of the work allowed in the step, see
-    `solvers.cones.budget`.
-
-    Returns:
-        Impulses (n,), in units of the problem; the change of velocity (nv,); the velocity that opens overlaps (nv,),
-        empty if there is none to open; the targets reached for (g,); the largest amount by which a contact velocity
-        misses its target, and the largest velocity of a row, m/s or rad/s; the smallest share s of restitution; the
-        energy that the collision would create without scaling, J; the work of contact, J, and the part of it that is
-        rounding; the residual of the natural map, including friction, relative to the largest velocity; the whitened
-        change of velocity (nv,); and the target sliding velocities (n,).
+    Args:
+        rows: the rows that take part.
+        aims: what the step asks of them.
+        bound: equality constraints that do not drive the collision, see `driven`, bool (g,).
+        known: impulses to start from.
+        timestep: h, s.
+        dissipative: whether restitution is scaled as needed so that it creates no energy.
+        together: whether it is scaled for all contacts alike, as under a law that couples contacts which do not
+            influence each other, or for each group of contacts that do.
+        method: how to solve the problem; the work of the solvers is subtracted from its `left`.
+        inertia: the mass matrix of the step.
     """
-    x, z = np.empty(rates.shape[1]), np.empty(len(tree))
-    change, shift, reached = np.empty(len(tree)), np.empty(len(tree)), np.empty(len(target))
-    aimed = sliding.copy()
-    overlaps, missed, fastest, s, created, work, rounding, residual = resolve(
-        Rows(sparse, colind, value, groups, key, amounts, rates), Aims(target, aimed, collides), bound,
-        (known_groups, known_key, known_scale, known), timestep, dissipative, together,
-        Method(tree, exact, rounds, left), Inertia(factor, inverse, Mnnz, Madr, Mcol), x, change, shift, reached, z,
-    )  # fmt: skip
+    n, nv = rows.rates.shape[1], len(method.tree)
+    x, change, shift, z, reached = np.empty(n), np.empty(nv), np.empty(nv), np.empty(nv), np.empty(len(aims.target))
+    aims = Aims(aims.target, aims.sliding.copy(), aims.collides)
+    overlaps, missed, fastest, share, created, work, rounding, residual = resolve(
+        rows, aims, bound, known[:4], timestep, dissipative, together, method, inertia, x, change, shift, reached, z
+    )
     shift = shift if overlaps else shift[:0]
-    return x, change, shift, reached, missed, fastest, s, created, work, rounding, residual, z, aimed
+    return Resolved(
+        x, change, shift, reached, missed, fastest, share, created, work, rounding, residual, z, aims.sliding
+    )  # fmt: skip
