@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from operator import attrgetter
 from typing import Any
 
 import mujoco
@@ -10,33 +11,28 @@ import numpy as np
 
 from impactlaw.envs.law_options import LawOptions
 
-_PARAMETERS = (
-    "body_mass", "body_inertia", "body_pos", "body_quat", "geom_size", "geom_pos", "geom_friction", "geom_solref",
-    "jnt_range", "jnt_stiffness", "dof_damping", "dof_armature", "dof_frictionloss", "actuator_gear",
-    "actuator_gainprm", "actuator_biasprm", "numeric_data",
-)  # fmt: skip
-"""Fields of a model that environments set or randomize."""
-_SURROUNDINGS = (
-    "geom_solimp", "geom_margin", "geom_condim", "jnt_solref", "jnt_solimp", "dof_solref", "dof_solimp",
-    "pair_friction", "pair_solref", "pair_solimp", "eq_data", "eq_solref", "eq_solimp", "geom_surfacevel", "geom_fluid",
-    "hfield_size", "hfield_data",
-)  # fmt: skip
-_REST = (
-    "body_ipos", "body_iquat", "body_gravcomp", "body_invweight0", "geom_quat", "geom_contype", "geom_conaffinity",
-    "geom_priority", "geom_solmix", "geom_gap", "geom_adhesion", "jnt_pos", "jnt_axis", "jnt_limited", "jnt_margin",
-    "jnt_actfrclimited", "jnt_actfrcrange", "jnt_stiffnesspoly", "qpos_spring", "dof_dampingpoly", "dof_invweight0",
-    "actuator_ctrllimited", "actuator_ctrlrange", "actuator_forcelimited", "actuator_forcerange", "actuator_dynprm",
-    "actuator_damping", "actuator_armature", "tendon_range", "tendon_stiffness", "tendon_damping",
-    "tendon_frictionloss", "tendon_armature", "tendon_lengthspring", "tendon_limited", "eq_active0",
-)  # fmt: skip
-"""Further fields, with a digest of their own for the same reason as `_SURROUNDINGS`."""
-_OPTIONS = (
-    "wind", "density", "viscosity", "magnetic", "cone", "impratio", "disableflags", "solver", "iterations", "tolerance",
-)  # fmt: skip
-"""Options that, with `_SURROUNDINGS`, describe contact, air and ground.
-
-They have a digest of their own, since recordings of older versions lack it.
-"""
+_DESCRIBED = {
+    "parameters of the model": (
+        "body_mass body_inertia body_pos body_quat geom_size geom_pos geom_friction geom_solref jnt_range "
+        "jnt_stiffness dof_damping dof_armature dof_frictionloss actuator_gear actuator_gainprm actuator_biasprm "
+        "numeric_data opt.gravity"
+    ),
+    "contact, air and ground of the model": (
+        "geom_solimp geom_margin geom_condim jnt_solref jnt_solimp dof_solref dof_solimp pair_friction pair_solref "
+        "pair_solimp eq_data eq_solref eq_solimp geom_surfacevel geom_fluid hfield_size hfield_data opt.wind "
+        "opt.density opt.viscosity opt.magnetic opt.cone opt.impratio opt.disableflags opt.solver opt.iterations "
+        "opt.tolerance"
+    ),
+    "centres of mass, axes, ranges and tendons of the model": (
+        "body_ipos body_iquat body_gravcomp body_invweight0 geom_quat geom_contype geom_conaffinity geom_priority "
+        "geom_solmix geom_gap geom_adhesion jnt_pos jnt_axis jnt_limited jnt_margin jnt_actfrclimited jnt_actfrcrange "
+        "jnt_stiffnesspoly qpos_spring dof_dampingpoly dof_invweight0 actuator_ctrllimited actuator_ctrlrange "
+        "actuator_forcelimited actuator_forcerange actuator_dynprm actuator_damping actuator_armature tendon_range "
+        "tendon_stiffness tendon_damping tendon_frictionloss tendon_armature tendon_lengthspring tendon_limited "
+        "eq_active0 opt.enableflags"
+    ),
+}
+"""Fields of a model that environments set or randomize, by the name of their common digest."""
 
 
 def how_made(options: LawOptions, model: mujoco.MjModel, timesteps: int | None) -> dict[str, Any]:
@@ -61,14 +57,10 @@ def how_made(options: LawOptions, model: mujoco.MjModel, timesteps: int | None) 
         "contacts": [contacts] if isinstance(contacts, str) else None if contacts is None else sorted(contacts),
         "limits": bool(options.limits),
         "impulse_in_cfrc_ext": options.impulse_in_cfrc_ext,
-        "parameters of the model": _digest(model, _PARAMETERS, ("gravity",)),
-        "contact, air and ground of the model": _digest(model, _SURROUNDINGS, _OPTIONS),
-        "centres of mass, axes, ranges and tendons of the model": _digest(model, _REST, ("enableflags",)),
-    }
+    } | {name: _digest(model, fields) for name, fields in _DESCRIBED.items()}
 
 
-def _digest(model: mujoco.MjModel, fields: tuple[str, ...], options: tuple[str, ...]) -> str:
-    """Return a short hash of fields and options of a model, rounded to single precision."""
-    parts = [np.ravel(getattr(model, name)) for name in fields]
-    parts += [np.ravel(getattr(model.opt, name)) for name in options]
+def _digest(model: mujoco.MjModel, fields: str) -> str:
+    """Return a short hash of fields of a model, rounded to single precision."""
+    parts = [np.ravel(attrgetter(name)(model)) for name in fields.split()]
     return hashlib.sha256(np.concatenate(parts).astype(np.float32).tobytes()).hexdigest()[:12]

@@ -9,7 +9,7 @@ import numpy as np
 
 from impactlaw.envs.tasks.drive import Drive
 from impactlaw.envs.tasks.driven import Beginning, DrivenEnv, Numbers
-from impactlaw.envs.tasks.scenery import add_mark
+from impactlaw.envs.tasks.scenery import add_target
 
 DRIVE = Drive(stroke=0.25, acceleration=45.0)
 """Drive of the paddle, m and m/s^2."""
@@ -64,7 +64,7 @@ class Juggler(DrivenEnv):
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Add a mark at the target."""
-        add_mark(spec, "target", 0.0625)
+        add_target(spec, 0.0625)
 
     def start(self) -> None:
         """Begin an episode, and move the mark to its target."""

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.envs.base import ImpactEnv
-from impactlaw.envs.tasks.scenery import add_mark
+from impactlaw.envs.tasks.scenery import add_target
 
 PULL = 6.0
 """Largest torque of the string that pulls the first ball, N m; it can hold the ball at 38 degrees."""
@@ -63,7 +63,7 @@ class NewtonsCradle(ImpactEnv):
         string = spec.add_actuator(name="swing1", target="swing1", trntype=mujoco.mjtTrn.mjTRN_JOINT)
         string.set_to_motor()
         string.gear[0], string.ctrlrange, string.ctrllimited = -PULL, (0.0, 1.0), True
-        add_mark(spec, "target", 0.125)
+        add_target(spec, 0.125)
 
     def start(self) -> None:
         """Draw the target, and move the mark to it."""

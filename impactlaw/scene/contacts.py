@@ -167,7 +167,7 @@ def row_velocities(model: mujoco.MjModel, data: mujoco.MjData, velocity: np.ndar
 
 
 def standing_cylinders(model: mujoco.MjModel) -> StandingCylinders | None:
-    """Return what corrects MuJoCo's distances of cylinders that stand on planes; None if there are no such pairs."""
+    """Return the object that corrects the contacts of cylinders on planes; None if there are no such pairs of geoms."""
     planes, cylinders = (np.flatnonzero(model.geom_type == kind) for kind in (_PLANE, _CYLINDER))
     if not (len(planes) and len(cylinders)):
         return None
@@ -179,7 +179,7 @@ def standing_cylinders(model: mujoco.MjModel) -> StandingCylinders | None:
 def collide(model: mujoco.MjModel, data: mujoco.MjData, standing: StandingCylinders | None = None) -> None:
     """Run MuJoCo's collision detection at the current frames (`update_positions`); replaces data.contact.
 
-    With the answer of `standing_cylinders`, the distances of cylinders that stand on planes are right.
+    With the result of `standing_cylinders`, the contacts of cylinders that stand on planes are corrected.
     """
     if standing is None:
         _find_contacts(model, data)

@@ -27,14 +27,6 @@ def _product(frame, k, i, j):
 
 
 @plain
-def _cross(frame, k, i, j, at):
-    """Write the vector product of the vectors at i and j of frame k to ``at``."""
-    for a in range(3):
-        b, c = (a + 1) % 3, (a + 2) % 3
-        frame[k, at + a] = frame[k, i + b] * frame[k, j + c] - frame[k, i + c] * frame[k, j + b]
-
-
-@plain
 def is_orthogonal(frame, k):
     """Return whether the first tangent of contact k is in the tangent plane."""
     return abs(_product(frame, k, 0, 3)) <= ORTHOGONAL
@@ -63,7 +55,9 @@ def make_orthogonal(frame):
         length = np.sqrt(_product(frame, k, 3, 3))
         for i in range(3):
             frame[k, 3 + i] /= length
-        _cross(frame, k, 0, 3, 6)
+        for i in range(3):  # the second tangent is the vector product of the normal and the first
+            a, b = (i + 1) % 3, (i + 2) % 3
+            frame[k, 6 + i] = frame[k, a] * frame[k, 3 + b] - frame[k, b] * frame[k, 3 + a]
     return some
 
 
@@ -120,9 +114,9 @@ measure_again = for_python(measure_standing)
 
 @plain
 def upright(turn, plane, own, least):
-    """Return the sign of the product of a plane's normal and a cylinder's axis; 0 if it is tilted.
+    """Return 1 if a cylinder's axis is the normal of a plane, -1 if it is the opposite, 0 if the cylinder is tilted.
 
-    Least is the sine of the tilt from which it is.
+    It counts as tilted from a tilt whose sine is ``least``.
     """
     cosine, tilt = 0.0, 0.0
     for i in range(3):
@@ -143,7 +137,7 @@ def _align(planes, cylinders, turn):
 
 
 class StandingCylinders:
-    """Corrects what MuJoCo finds of cylinders that stand on planes."""
+    """Corrects MuJoCo's contacts of cylinders that stand on planes."""
 
     def __init__(self, model: mujoco.MjModel, planes: np.ndarray, cylinders: np.ndarray):
         self._model, self._planes, self._cylinders = model, planes, cylinders

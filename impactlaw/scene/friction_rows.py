@@ -72,9 +72,9 @@ def pair_friction(
 def learn_friction(
     model: mujoco.MjModel, geoms: np.ndarray, limits: int = 0, *, overridden: bool = False
 ) -> FrictionPattern | None:
-    """Return the rows of friction of contacts between geoms, (h, 2), followed by ``limits`` limits; None if no row.
+    """Return the rows of friction of contacts between geoms, (h, 2), followed by ``limits`` limits.
 
-    For ``overridden`` see `pair_friction`.
+    Return None if no contact has friction. For ``overridden`` see `pair_friction`.
     """
     dim, mu = pair_friction(model, geoms, overridden=overridden)
     rows = (np.arange(5) < dim[:, None] - 1) & (mu > MIN_FRICTION)

@@ -238,24 +238,16 @@ def _is_number(value: object) -> bool:
     return isinstance(value, numbers.Real) and not isinstance(value, bool)
 
 
-def check_speed(name: str, value: float | None) -> None:
-    """Refuse a value that is not a speed.
-
-    Raises:
-        OptionError: the value is not a number (True and False are not), or is NaN, negative or infinite.
-    """
-    if value is not None and not (_is_number(value) and 0.0 <= float(value) < math.inf):
-        raise OptionError(f"{name} must be a speed of 0 m/s or more, got {value!r}")
+def check_rest_speed(speed: float | None) -> None:
+    """Raise `OptionError` if a speed is not a number (True and False are not), or is NaN, negative or infinite."""
+    if speed is not None and not (_is_number(speed) and 0.0 <= float(speed) < math.inf):
+        raise OptionError(f"rest_speed must be a speed of 0 m/s or more, got {speed!r}")
 
 
-def check_length(name: str, value: float | None) -> None:
-    """Refuse a value that is not a length.
-
-    Raises:
-        OptionError: the value is not a number (True and False are not), or is NaN, infinite or not positive.
-    """
-    if value is not None and not (_is_number(value) and 0.0 < float(value) < math.inf):
-        raise OptionError(f"{name} must be a positive length in m, got {value!r}")
+def check_gap_tolerance(length: float | None) -> None:
+    """Raise `OptionError` if a length is not a number (True and False are not), or is NaN, infinite or not positive."""
+    if length is not None and not (_is_number(length) and 0.0 < float(length) < math.inf):
+        raise OptionError(f"gap_tolerance must be a positive length in m, got {length!r}")
 
 
 def check_count(name: str, value: int | None) -> None:

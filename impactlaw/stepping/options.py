@@ -15,7 +15,7 @@ from impactlaw.scene.contacts import geom_names
 from impactlaw.scene.joint_limits import Limits
 from impactlaw.scene.pairs import geom_pairs
 from impactlaw.solvers import SOLVERS
-from impactlaw.stepping.compatibility import FRICTION, check_count, check_length, check_speed
+from impactlaw.stepping.compatibility import FRICTION, check_count, check_gap_tolerance, check_rest_speed
 
 _KNOWN = {
     "contact_model": ("contact_model", ("rigid", "soft")),
@@ -73,8 +73,8 @@ class Options(NamedTuple):
                 raise SceneError(f"{name} means nothing to {self.way} steps; leave it out")
         if self.way == "time-stepping" and self.overlap == "refuse":
             raise SceneError('time stepping opens what overlaps, over time; leave overlap="refuse" out')
-        check_length("gap_tolerance", self.gap_tolerance)
-        check_speed("rest_speed", self.rest_speed)
+        check_gap_tolerance(self.gap_tolerance)
+        check_rest_speed(self.rest_speed)
         if self.max_events is not None:
             check_count("max_events", self.max_events)
 

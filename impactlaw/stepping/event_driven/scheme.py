@@ -149,7 +149,7 @@ class RigidStepping:
                     raise
                 if not waits:
                     self._rest.failed()
-                    if len(events) > _MANY * self._collider.most:  # the energy amid them may be distributed in any way
+                    if len(events) > _MANY * self._collider.most:  # the order of so many is a matter of rounding
                         self.crowded = True
                         self._begun = _Begun(state, self._options.timestep, 0)
                 return self._finish(data, self._rest, events, opens=not isinstance(error.__cause__, mujoco.FatalError))

@@ -164,7 +164,7 @@ class Collisions:
         return bounces(data)
 
     def hold_back(self, data: mujoco.MjData) -> bool:
-        """Prevent this for the contacts to which the law applies; return whether one of them would have bounced."""
+        """Keep contacts that the law is for from bouncing by themselves; return whether any of them would have."""
         return hold_back(
             self._model, data, self.names, self.limits,
             rest_speed=self.rest_speed, chosen=self.chosen, surfaces=self.surfaces,

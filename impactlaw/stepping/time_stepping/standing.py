@@ -22,7 +22,7 @@ from impactlaw.solvers.cones.algebra.loops import plain
 PLANE, CYLINDER = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
 _FLAT = 1e-7  # m: difference of heights around the rim of an upright cylinder
 _SLOW = 1e-9  # m/s: speed up to which a velocity has no direction
-_WEAK = 1e-9  # m/s^2: the same for gravity
+_WEAK = 1e-9  # m/s^2: gravity along the plane up to which it has no direction
 _REST = np.empty((0, 6))
 
 

@@ -90,7 +90,7 @@ def hold_position(phase_end: PhaseEnd, phase: Phase, look_again: LookAgain, felt
 
 
 def _led(now: ContactState, known: np.ndarray, phase: Phase) -> np.ndarray:
-    """Return the gaps to which the phase has led contacts, known at its start, by their velocities, m, (h,)."""
+    """Return the gaps that follow from the gaps at the start and the velocities at both ends of the phase, m, (h,)."""
     start = phase.start
     return start.gap[known] + 0.5 * phase.duration * (start.contact_velocity[known] + now.contact_velocity)
 
