@@ -20,12 +20,7 @@ _SHAPES = {"ball": mujoco.mjtGeom.mjGEOM_SPHERE, "box": mujoco.mjtGeom.mjGEOM_BO
 
 
 def chain(
-    n: int,
-    *,
-    mass: float | Sequence[float] = 1.0,
-    radius: float = 0.125,
-    launched: int = 1,
-    restitution: float = 1.0,
+    n: int, *, mass: float | Sequence[float] = 1.0, radius: float = 0.125, launched: int = 1, restitution: float = 1.0
 ) -> mujoco.MjSpec:
     """Return n balls on a line along x, in touch, without gravity; the first ones start at 1 m/s.
 

@@ -12,13 +12,7 @@ import numpy as np
 
 from impactlaw.comparison.soft_collisions import SoftCollisions
 from impactlaw.comparison.soft_contact import deepest_gap, soft_outcome
-from impactlaw.errors import (
-    DivergenceError,
-    InadmissibleImpactError,
-    RestitutionError,
-    SolverError,
-    UnsolvableLawError,
-)
+from impactlaw.errors import DivergenceError, InadmissibleImpactError, RestitutionError, SolverError, UnsolvableLawError
 from impactlaw.laws import Law
 from impactlaw.mechanics.impact import Impact
 from impactlaw.recording import Recorder

@@ -8,17 +8,7 @@ from numba import types
 
 from impactlaw.compiled import compiled
 from impactlaw.linked import by_address, linked
-from impactlaw.solvers.cones.algebra.loops import (
-    FLOATS,
-    INTEGERS,
-    clear,
-    copied,
-    counts,
-    indices,
-    numbers,
-    put,
-    unset,
-)
+from impactlaw.solvers.cones.algebra.loops import FLOATS, INTEGERS, clear, copied, counts, indices, numbers, put, unset
 from impactlaw.solvers.cones.algebra.projection import norm_of
 from impactlaw.solvers.cones.algebra.structure import delassus
 from impactlaw.solvers.cones.convex import out_of_reach

@@ -181,12 +181,7 @@ class SmoothPhases:
         gap_functions = GapFunctions(start.gap, start.contact_velocity, exact=exact)
         gap_functions.add(trial.duration, trial.observations)
         located = locate(
-            again,
-            trial,
-            gap_functions,
-            target=_LOCATED * self.tolerance,
-            tolerance=self.tolerance,
-            shortest=shortest,
+            again, trial, gap_functions, target=_LOCATED * self.tolerance, tolerance=self.tolerance, shortest=shortest
         )
         if located.was_closed and located.duration > 2.0 * shortest:
             # at rest over shorter phases (`stays`), but not over longer ones: hold the contact up to there

@@ -16,10 +16,7 @@ from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.mechanics.impact import Impact
 from impactlaw.mechanics.kinetic_metric import KineticMetric
 from impactlaw.scene.contacts import Contacts, active_contacts, closes, gap_gradients, geom_names
-from impactlaw.scene.equality_constraints import (
-    bilateral_constraints,
-    bilateral_rows,
-)
+from impactlaw.scene.equality_constraints import bilateral_constraints, bilateral_rows
 from impactlaw.scene.friction_rows import active_friction
 from impactlaw.scene.joint_limits import Limits, joined
 from impactlaw.scene.moving_surfaces import Surfaces
@@ -30,7 +27,7 @@ from impactlaw.stepping.integration import is_huge, joint_inertia, locked_joints
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.soft.drifting import drifting
 from impactlaw.stepping.soft.driven import Constraints, is_dragged
-from impactlaw.stepping.soft.rebounds import bounces, hold_back
+from impactlaw.stepping.soft.rebounds import Normals, bounces, hold_back, normals
 from impactlaw.stepping.soft.since_closed import put_back
 from impactlaw.stepping.soft.tolerances import LOCKED, OPENING, ROUNDING, WORK
 from impactlaw.stepping.work import Work
@@ -117,10 +114,7 @@ class Collisions:
         if np.array_equal(found.velocity, data.qvel):
             return events, VELOCITY
         before, data.qvel[:] = data.qvel.copy(), found.velocity
-        put_back(
-            self._model, data, before, self.names, self.limits,
-            rest_speed=self.rest_speed, chosen=self.chosen, surfaces=surfaces,
-        )  # fmt: skip
+        put_back(self._model, data, before, self._normals(data), self.rest_speed)
         return events, POSITION
 
     def _resolved(
@@ -165,10 +159,10 @@ class Collisions:
 
     def hold_back(self, data: mujoco.MjData) -> bool:
         """Keep contacts that the law is for from bouncing by themselves; return whether any of them would have."""
-        return hold_back(
-            self._model, data, self.names, self.limits,
-            rest_speed=self.rest_speed, chosen=self.chosen, surfaces=self.surfaces,
-        )  # fmt: skip
+        return hold_back(self._model, data, self._normals(data), self.rest_speed)
+
+    def _normals(self, data: mujoco.MjData) -> Normals:
+        return normals(self._model, data, self.names, self.limits, self.chosen, self.surfaces)
 
     def _constrained(
         self, data: mujoco.MjData, closed: Closed, gamma: np.ndarray, kept: Constraints

@@ -10,6 +10,8 @@ Limits of joints and tendons count as contacts here.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import mujoco
 import numpy as np
 
@@ -22,6 +24,19 @@ from impactlaw.stepping.soft.tolerances import STILL, UNDERDAMPED
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 
 
+class Normals(NamedTuple):
+    """The limits and contacts that MuJoCo's solver acts on, and their normal rows."""
+
+    row: np.ndarray  # first row of MuJoCo's, int (h,)
+    pair: np.ndarray  # the second row if the contact is a pyramid, whose normal is the mean of both; else the first
+    drift: np.ndarray  # velocities due to moving surfaces, m/s, (h,)
+    chosen: np.ndarray  # whether the law is for them, bool (h,)
+
+    def of(self, rows: np.ndarray) -> np.ndarray:
+        """Return the numbers of normals, (h,), from those of MuJoCo's rows, (nefc,)."""
+        return 0.5 * (rows[self.row] + rows[self.pair])
+
+
 def bounces(data: mujoco.MjData) -> bool:
     """Return whether a contact or limit that MuJoCo's solver acts on is an underdamped spring."""
     first = data.ne + data.nf
@@ -31,16 +46,7 @@ def bounces(data: mujoco.MjData) -> bool:
     return bool((damping * damping < UNDERDAMPED * 4.0 * stiffness).any())
 
 
-def hold_back(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    names: tuple[str, ...],
-    limits: Limits,
-    *,
-    rest_speed: float,
-    chosen: Chosen | None,
-    surfaces: Surfaces | None,
-) -> bool:
+def hold_back(model: mujoco.MjModel, data: mujoco.MjData, found: Normals, rest_speed: float) -> bool:
     """Reduce the reference accelerations ``data.efc_aref`` of contacts that would rebound; return whether any is.
 
     The velocities of the rows, and the accelerations without this reduction, must be current. A single contact with
@@ -49,24 +55,16 @@ def hold_back(
     Args:
         model: the scene.
         data: its state.
-        names: names of geoms.
-        limits: the limits of joints and tendons.
+        found: the contacts and limits.
         rest_speed: largest speed to which these contacts may push, m/s or rad/s.
-        chosen: the contacts to which the law applies; None for all.
-        surfaces: moving mocap bodies; None if there are none.
     """
-    rows, labels, drift = normals(model, data, names, limits, surfaces)
-    pair = np.where(are_pairs(model, data, rows), rows + 1, rows)
-    gamma = 0.5 * (data.efc_vel[rows] + data.efc_vel[pair])
+    rows, pair, drift, chosen = found
+    gamma, reached = found.of(data.efc_vel), row_velocities(model, data, data.qacc)
     stiffness, damping, impedance = data.efc_KBIP.reshape(-1, 4)[rows, :3].T
-    reached = row_velocities(model, data, data.qacc)
     most = np.maximum((rest_speed - gamma - drift) / model.opt.timestep, -damping * gamma)
-    spring = 0.5 * (data.efc_aref[rows] + data.efc_aref[pair]) + damping * gamma
-    above = 0.5 * (reached[rows] + reached[pair]) - most
-    excess = np.minimum(above / np.maximum(impedance, mujoco.mjMINIMP), spring)
-    held = (damping * damping < UNDERDAMPED * 4.0 * stiffness) & (gamma + drift > -STILL) & (excess > 0.0)
-    if chosen is not None:
-        held &= chosen.mask(labels)
+    spring = found.of(data.efc_aref) + damping * gamma
+    excess = np.minimum((found.of(reached) - most) / np.maximum(impedance, mujoco.mjMINIMP), spring)
+    held = chosen & (damping * damping < UNDERDAMPED * 4.0 * stiffness) & (gamma + drift > -STILL) & (excess > 0.0)
     for i in np.flatnonzero(held):
         count = 2 * (data.contact.dim[data.efc_id[rows[i]]] - 1) if pair[i] > rows[i] else 1
         data.efc_aref[rows[i] : rows[i] + count] -= excess[i]
@@ -74,28 +72,32 @@ def hold_back(
 
 
 def normals(
-    model: mujoco.MjModel, data: mujoco.MjData, names: tuple[str, ...], limits: Limits, surfaces: Surfaces | None
-) -> tuple[np.ndarray, tuple[str, ...], np.ndarray]:
-    """Return the first row, label and surface velocity of each limit and contact that MuJoCo's solver acts on."""
-    first, found = data.ne + data.nf, data.contact
-    limit_rows = np.arange(first, first + data.nl)
-    labels = tuple(limits.labels[limits.code(data, row)] for row in limit_rows.tolist())
-    index = acted_on(data)
-    if not len(index):
-        return limit_rows, labels, np.zeros(data.nl)
-    contacts = active_contacts(model, data, names)
-    address = found.efc_address[index[sorted_geoms(found.geom[index])[1]]]
-    drift = np.zeros(len(contacts)) if surfaces is None else surfaces.drift(data, contacts)
-    return (
-        np.concatenate([limit_rows, address]),
-        labels + contacts.labels,
-        np.concatenate([np.zeros(data.nl), drift]),
-    )
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    names: tuple[str, ...],
+    limits: Limits,
+    chosen: Chosen | None,
+    surfaces: Surfaces | None,
+) -> Normals:
+    """Return the normal rows of limits and contacts.
 
-
-def are_pairs(model: mujoco.MjModel, data: mujoco.MjData, rows: np.ndarray) -> np.ndarray:
-    """Return which of these first rows begin a pyramid, bool; its normal is the mean of its first two rows."""
-    pairs = np.zeros(len(rows), dtype=bool)
-    if model.opt.cone == _PYRAMIDAL and data.ncon:
-        pairs[data.nl :] = data.contact.dim[data.efc_id[rows[data.nl :]]] > 1
-    return pairs
+    Args:
+        model: the scene.
+        data: its state.
+        names: names of geoms.
+        limits: the limits of joints and tendons.
+        chosen: the contacts to which the law applies; None for all.
+        surfaces: moving mocap bodies; None if there are none.
+    """
+    first, found, index = data.ne + data.nf, data.contact, acted_on(data)
+    rows = np.arange(first, first + data.nl)
+    labels = tuple(limits.labels[limits.code(data, row)] for row in rows.tolist())
+    pair, drift = rows, np.zeros(data.nl)
+    if len(index):
+        contacts, index = active_contacts(model, data, names), index[sorted_geoms(found.geom[index])[1]]
+        address = found.efc_address[index]
+        paired = (model.opt.cone == _PYRAMIDAL) & (found.dim[index] > 1)
+        rows, pair = np.concatenate([rows, address]), np.concatenate([rows, address + paired])
+        moved = np.zeros(len(contacts)) if surfaces is None else surfaces.drift(data, contacts)
+        labels, drift = labels + contacts.labels, np.concatenate([drift, moved])
+    return Normals(rows, pair, drift, np.ones(len(rows), dtype=bool) if chosen is None else chosen.mask(labels))

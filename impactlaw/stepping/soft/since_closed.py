@@ -14,11 +14,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.laws.restitution.on_contacts import Chosen
 from impactlaw.scene.contacts import row_velocities
-from impactlaw.scene.joint_limits import Limits
-from impactlaw.scene.moving_surfaces import Surfaces
-from impactlaw.stepping.soft.rebounds import are_pairs, normals
+from impactlaw.stepping.soft.rebounds import Normals
 from impactlaw.stepping.soft.tolerances import JUST_CLOSED, OPENING
 
 _DISCRETE = int(mujoco.mjtIntegrator.mjINT_DISCRETE)
@@ -27,15 +24,7 @@ _ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 
 
 def put_back(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    before: np.ndarray,
-    names: tuple[str, ...],
-    limits: Limits,
-    *,
-    rest_speed: float,
-    chosen: Chosen | None,
-    surfaces: Surfaces | None,
+    model: mujoco.MjModel, data: mujoco.MjData, before: np.ndarray, contacts: Normals, rest_speed: float
 ) -> None:
     """Put bodies where they would be if the law had acted when their contacts closed, and update positions.
 
@@ -45,23 +34,16 @@ def put_back(
         model: the scene.
         data: the state with the velocity after the collisions; everything else is still as before them.
         before: the velocity before the collisions, (nv,).
-        names: names of geoms.
-        limits: the limits of joints and tendons.
+        contacts: the contacts and limits.
         rest_speed: closing speed above which contacts collide, m/s or rad/s.
-        chosen: the contacts to which the law applies; None for all.
-        surfaces: moving mocap bodies; None if there are none.
     """
     if model.opt.integrator == _DISCRETE:
         return
-    rows, labels, drift = normals(model, data, names, limits, surfaces)
-    pair, after = np.where(are_pairs(model, data, rows), rows + 1, rows), row_velocities(model, data, data.qvel)
-    closing = 0.5 * (data.efc_vel[rows] + data.efc_vel[pair]) + drift
-    opening = 0.5 * (after[rows] + after[pair]) + drift
+    (rows, pair, drift, chosen), after = contacts, row_velocities(model, data, data.qvel)
+    closing, opening = contacts.of(data.efc_vel) + drift, contacts.of(after) + drift
     depth = data.efc_margin[rows] - data.efc_pos[rows]
     fresh = (depth > 0.0) & (depth < -JUST_CLOSED * model.opt.timestep * closing)
-    found = (closing < -rest_speed) & (opening > OPENING * rest_speed) & fresh
-    if chosen is not None:
-        found &= chosen.mask(labels)
+    found = chosen & (closing < -rest_speed) & (opening > OPENING * rest_speed) & fresh
     stiffness, damping, impedance = data.efc_KBIP.reshape(-1, 4)[: data.nefc, :3].T
     wanted = stiffness * impedance * (data.efc_margin - data.efc_pos) - damping * after
     for i in np.flatnonzero(found):

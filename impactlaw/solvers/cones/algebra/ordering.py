@@ -216,23 +216,6 @@ def lay_out(joined: Array, order: Array, wide: Array, begin: Array, cols: Array,
                 place[q], pitch[q] = _block(i, j, spot, diagonal, upper, lower, span, width)
                 q += 1
     return Blocks(
-        width,
-        offset,
-        diagonal,
-        upper,
-        lower,
-        span,
-        start,
-        later,
-        pair,
-        target,
-        stride,
-        first,
-        many,
-        slot,
-        inner.astype(np.uint64),
-        place,
-        pitch,
-        size,
-        flops,
-    )
+        width, offset, diagonal, upper, lower, span, start, later, pair, target, stride, first, many, slot,
+        inner.astype(np.uint64), place, pitch, size, flops,
+    )  # fmt: skip

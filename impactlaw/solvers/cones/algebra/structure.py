@@ -60,21 +60,11 @@ class Island(NamedTuple):
 
 ISLAND: Any = types.NamedTuple(
     [
-        INTEGERS,
-        INTEGERS,
-        FLOATS,
-        FLOATS,
-        FLOATS,
-        INTEGERS,
-        UNSIGNED,
-        INTEGERS,
-        FLOATS,
-        INTEGERS,
-        types.int64,
+        INTEGERS, INTEGERS, FLOATS, FLOATS, FLOATS, INTEGERS, UNSIGNED, INTEGERS, FLOATS, INTEGERS, types.int64,
         types.boolean,
     ],
     Island,
-)
+)  # fmt: skip
 """The type of an `Island` in compiled code."""
 
 

@@ -59,22 +59,12 @@ def one_step(context):
     memory, before = floats(c[CONTEXT.memory], c[CONTEXT.memories]), floats(c[CONTEXT.before], c[CONTEXT.memories])
     put(before, memory)
     c[CONTEXT.status] = advance(
-        c[CONTEXT.model],
-        c[CONTEXT.data],
-        c[CONTEXT.scratch],
-        c[CONTEXT.table],
-        c[CONTEXT.settings],
-        c[CONTEXT.carriers],
-        c[CONTEXT.bilateral],
-        longs(c[CONTEXT.keys], c[CONTEXT.known]),
-        floats(c[CONTEXT.values], c[CONTEXT.known]),
-        c[CONTEXT.asked : CONTEXT.asked + 1],
-        memory,
-        c[CONTEXT.structure],
-        floats(c[CONTEXT.margins], c[CONTEXT.margin_count]),
-        floats(c[CONTEXT.state], c[CONTEXT.states]),
-        False,
-    )
+        c[CONTEXT.model], c[CONTEXT.data], c[CONTEXT.scratch], c[CONTEXT.table], c[CONTEXT.settings],
+        c[CONTEXT.carriers], c[CONTEXT.bilateral], longs(c[CONTEXT.keys], c[CONTEXT.known]),
+        floats(c[CONTEXT.values], c[CONTEXT.known]), c[CONTEXT.asked : CONTEXT.asked + 1], memory,
+        c[CONTEXT.structure], floats(c[CONTEXT.margins], c[CONTEXT.margin_count]),
+        floats(c[CONTEXT.state], c[CONTEXT.states]), False,
+    )  # fmt: skip
     if c[CONTEXT.status] == UNKNOWN:  # the impulses of the last step have not been overwritten
         go_back(memory, before, impulses_of(before.view(np.int64)))
 
@@ -127,9 +117,7 @@ def some_steps(model, data, world, context):
     for step in range(c[WORLDS.steps]):
         report[0] = advance(
             model, data, other, c[WORLDS.table], settings, c[WORLDS.carriers], c[WORLDS.bilateral], keys, values,
-            report[1:2], memory,
-            address_of(structure),
-            margins, state, step == 0,
+            report[1:2], memory, address_of(structure), margins, state, step == 0,
         )  # fmt: skip
         if report[0] != FINE:
             mj.set_state(model, data, address_of(first), STATE)
