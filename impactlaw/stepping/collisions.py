@@ -225,11 +225,6 @@ class _AsClosed(Law):
     law: Law
 
     @property
-    def contact_labels(self) -> frozenset[str]:
-        """The contact labels of the inner law."""
-        return self.law.contact_labels
-
-    @property
     def normal_law(self) -> Law:
         """The normal law of the inner law."""
         return self.law.normal_law

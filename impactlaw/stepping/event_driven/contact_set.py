@@ -158,8 +158,7 @@ class ContactSet:
         return self._constraints.confine(rows, Y, self.bilateral), self._constraints.project(Y)
 
     def along_constraints(self, velocity: np.ndarray) -> np.ndarray:
-        """Return the part of a velocity, (nv,), that equality constraints fix."""
-        if self.bilateral is None:
-            return np.zeros_like(velocity)
+        """Return the part of a velocity, (nv,), that equality constraints fix; there must be some."""
+        assert self.bilateral is not None
         part = self._constraints.basis.dot(self.configuration.whiten(velocity))
         return self.configuration.jump(self.bilateral, part.dot(self._constraints.combination))
