@@ -176,7 +176,7 @@ def write_margins(
     the step. If all moving bodies belong to one tree, their motion is taken relative to the first body of that tree, if
     this is slower: then a falling robot does not find contacts between all of its own parts. In this case the world
     gets a margin, too, since it moves relative to the robot. Limits of joints and tendons are always found; those that
-    are far are left out by `rows.read_rows`.
+    are far are left out by `reader.read_rows`.
 
     Args:
         body_margin: margins of bodies, (nbody,), written.
