@@ -13,7 +13,8 @@ def one_line() -> str:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     versions = ", ".join(f"{name} {version(name)}" for name in PACKAGES)
     machine = f"{_processor()}, {cores} cores, {platform.system()}"
-    return f"{machine}; python {platform.python_version()}, {versions}"
+    threads = os.environ.get("OPENBLAS_NUM_THREADS")  # see `scripts/__init__.py`
+    return f"{machine}; python {platform.python_version()}, {versions}; BLAS threads: {threads}"
 
 
 def _processor() -> str:

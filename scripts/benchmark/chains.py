@@ -29,25 +29,10 @@ from .timing import Row, in_turns
 
 TOLERANCE = 1e-9
 """Tolerance that OSQP and Clarabel are asked for."""
-ABSENT = "not installed"
+STARTS = ("launched", "random")
 _RESTITUTION = 0.5
 _ITERATIONS = 20_000  # of OSQP
 _LONG = 1.0  # s; if one call of each solver takes longer, at least two rounds are timed, otherwise at least five
-
-
-@dataclass(frozen=True, kw_only=True)
-class ChainCost:
-    """Which chains to time, and for how long."""
-
-    sizes: tuple[int, ...] = (100, 1000, 10_000)
-    """Numbers of contacts."""
-    starts: tuple[str, ...] = ("launched", "random")
-    """"launched": equal balls in touch, the first one comes in; "random": random masses and velocities, so that some
-    of the contacts separate."""
-    seconds: float = 3.0
-    """Time per chain."""
-    seed: int = 0
-    """Seed of the random chains."""
 
 
 class Program(NamedTuple):
@@ -85,8 +70,12 @@ class Chain:
         return float(np.linalg.norm(np.minimum(impulse * self.lengths, slack))) / self.speed
 
 
-def chain(h: int, start: str, seed: int) -> Chain:
-    """Return the problem of h contacts between h + 1 balls on a line."""
+def chain(h: int, start: str, seed: int = 0) -> Chain:
+    """Return the problem of h contacts between h + 1 balls on a line.
+
+    They are equal and in touch, and the first one comes in ("launched"), or their masses and velocities are random
+    ("random"), so that some of the contacts separate.
+    """
     rng = np.random.default_rng([seed, h])
     n = h + 1
     mass, v = np.ones(n), np.zeros(n)
@@ -105,19 +94,23 @@ def chain(h: int, start: str, seed: int) -> Chain:
     return Chain(collision, Y, c, lengths, float(np.sqrt(mass @ v**2)), programs)
 
 
-def run(study: ChainCost) -> Iterator[Row]:
+def run(sizes: tuple[int, ...] = (100, 1000, 10_000), *, seconds: float = 3.0) -> Iterator[Row]:
     """Yield one row per chain and solver.
 
     Columns: milliseconds (median), residual of the impulse (measured alike for all solvers), ratio of the time to the
     law's; outcome, "solved" or the reason why the solver failed.
+
+    Args:
+        sizes: numbers of contacts.
+        seconds: time per chain.
     """
-    for start, h in product(study.starts, study.sizes):
+    for start, h in product(STARTS, sizes):
         with _quiet():
-            rows = _rows(study, chain(h, start, study.seed), start, h)
-        yield from rows
+            rows = list(_rows(chain(h, start), seconds))
+        yield from ({"chain": start, "h": h} | row for row in rows)
 
 
-def _rows(study: ChainCost, problem: Chain, start: str, h: int) -> list[Row]:
+def _rows(problem: Chain, seconds: float) -> Iterator[Row]:
     solvers: dict[str, Callable[[], np.ndarray | str]] = {"law": lambda: _law(problem).impulse}
     for form, program in problem.programs.items():
         solvers[f"osqp, {form}"] = partial(_osqp, program, form)
@@ -127,15 +120,13 @@ def _rows(study: ChainCost, problem: Chain, start: str, h: int) -> list[Row]:
     fewest = 2 if time.perf_counter() - begin > _LONG else 5
     calls: dict[str, Callable[[], object]] = {**solvers, "law": partial(_law, problem)}
     solved = [name for name, answer in answers.items() if not isinstance(answer, str)]
-    timed = in_turns({name: lambda name=name: [calls[name]] for name in solved}, seconds=study.seconds, fewest=fewest)
-    rows = []
+    timed = in_turns({name: lambda name=name: [calls[name]] for name in solved}, seconds=seconds, fewest=fewest)
     for name, answer in answers.items():
-        row: Row = {"chain": start, "h": h, "solver": name, "outcome": answer}
-        if not isinstance(answer, str):
-            row |= {"milliseconds": timed.microseconds(name) / 1e3, "ratio": timed.ratio(name, "law")}
-            row |= {"residual": problem.residual(answer), "outcome": "solved"}
-        rows.append(row)
-    return rows
+        if isinstance(answer, str):
+            yield {"solver": name, "outcome": answer}
+            continue
+        row: Row = {"milliseconds": timed.microseconds(name) / 1e3, "ratio": timed.ratio(name, "law")}
+        yield {"solver": name, "outcome": "solved"} | row | {"residual": problem.residual(answer)}
 
 
 def _law(problem: Chain) -> Impact:
@@ -158,7 +149,7 @@ def _osqp(program: Program, form: str) -> np.ndarray | str:
 
 def _clarabel(program: Program, form: str) -> np.ndarray | str:
     if find_spec("clarabel") is None:  # not a dependency; compared where it is installed
-        return ABSENT
+        return "not installed"
     clarabel = import_module("clarabel")
     settings = clarabel.DefaultSettings()
     settings.verbose = False

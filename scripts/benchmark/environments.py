@@ -1,13 +1,12 @@
 """Run time of environments: the wrapper `ImpactLaw`, single steps of robots, soft steps of a heap, our own tasks.
 
-Both sides of a comparison repeat the same steps, in turns in one process. The steps are timed in short pieces, and the
-fastest time of each piece counts, so that other processes on the machine disturb the result less.
+Both sides of a comparison repeat the same steps, in turns in one process. The steps are timed in short pieces, of which
+the fastest time counts.
 """
 
 import copy
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -21,100 +20,81 @@ from impactlaw import Moreau, Stepper
 from impactlaw.envs import ImpactLaw
 from scripts.robots.starts import controls
 
-from .timing import MICRO, Row, no_collection
+from .timing import MICRO, Row, fastest, no_collection
 
 ENVIRONMENTS = ("Hopper-v5", "Walker2d-v5", "HalfCheetah-v5", "Ant-v5", "Humanoid-v5")
 RESTITUTION = 0.5  # of Moreau's law
+_WORLDS = 256  # of tasks
 _PIECE = 10  # environment steps, or steps of a heap
+_HELD = 5  # steps of a robot for which controls are held
 _SHAPES = ("box", "sphere", "capsule", "cylinder", "ellipsoid")
 
 
-@dataclass(frozen=True, kw_only=True)
-class WrapperCost:
-    """Which environments to wrap, and for how long."""
+def run_wrappers(wrapped: tuple[str, ...] = ENVIRONMENTS, *, steps: int = 400, repetitions: int = 15) -> Iterator[Row]:
+    """Yield one row per environment: microseconds of a step, plain and wrapped, and their ratio.
 
-    wrapped: tuple[str, ...] = ENVIRONMENTS
-    """Ids of gymnasium's MuJoCo environments."""
-    steps: int = 400
-    """Environment steps per run; an episode that ends earlier is reset."""
-    repetitions: int = 15
-    """Number of runs."""
-
-
-def run(study: WrapperCost) -> Iterator[Row]:
-    """Yield one row per environment: microseconds of a step, plain and wrapped, their ratio, collisions per step."""
-    for name in study.wrapped:
-        wrapped = ImpactLaw(gymnasium.make(name), "moreau", RESTITUTION)
-        envs: dict[str, Any] = {"plain": gymnasium.make(name), "wrapped": wrapped}
-        envs["plain"].action_space.seed(0)
-        actions = [envs["plain"].action_space.sample() for _ in range(study.steps)]
-        best = {kind: np.full(-(-study.steps // _PIECE), np.inf) for kind in envs}
-        collisions = 0
-        for repetition in range(study.repetitions):
-            for kind in list(envs)[:: 1 if repetition % 2 else -1]:
-                seconds, found = _episode(envs[kind], actions)
-                best[kind] = np.minimum(best[kind], seconds)
-                collisions = max(collisions, found)
-        cost = {kind: MICRO * float(pieces.sum()) / study.steps for kind, pieces in best.items()}
-        row: Row = {"environment": name, "plain_us": cost["plain"], "wrapped_us": cost["wrapped"]}
-        yield row | {"ratio": cost["wrapped"] / cost["plain"], "collisions": collisions / study.steps}
+    Args:
+        wrapped: ids of gymnasium's MuJoCo environments.
+        steps: environment steps per run; an episode that ends earlier is reset.
+        repetitions: number of runs.
+    """
+    for name in wrapped:
+        envs = {"plain": gymnasium.make(name), "wrapped": ImpactLaw(gymnasium.make(name), "moreau", RESTITUTION)}
+        actions = _actions(envs["plain"], steps)
+        taken = fastest({kind: partial(_episode, env, actions) for kind, env in envs.items()}, repetitions)
+        row: Row = {f"{kind}_us": MICRO * seconds / steps for kind, seconds in taken.items()}
+        yield {"environment": name} | row | {"ratio": taken["wrapped"] / taken["plain"]}
 
 
-def _episode(env: Any, actions: list[np.ndarray]) -> tuple[np.ndarray, int]:
-    """Return the time of each piece, s, and the number of collisions."""
+def _actions(env: gymnasium.Env, steps: int) -> list[Any]:
+    """Return random actions, the same ones in every call."""
+    env.action_space.seed(0)
+    return [env.action_space.sample() for _ in range(steps)]
+
+
+def _episode(env: gymnasium.Env, actions: list[Any]) -> np.ndarray:
+    """Return the time of each piece, s."""
     env.reset(seed=0)
-    seconds, collisions = [], 0
+    seconds = []
     bounds = [*range(0, len(actions), _PIECE), len(actions)]
     for first, last in pairwise(bounds):
         with no_collection():
             start = time.perf_counter()
             for number in range(first, last):
-                *_, terminated, truncated, info = env.step(actions[number])
-                collisions += info.get("impact/count", 0)
+                _, _, terminated, truncated, _ = env.step(actions[number])
                 if terminated or truncated:
                     env.reset(seed=number)
             seconds.append(time.perf_counter() - start)
-    return np.array(seconds), collisions
+    return np.array(seconds)
 
 
-@dataclass(frozen=True, kw_only=True)
-class RobotCost:
-    """Which robots to step under random controls, next to `mj_step`."""
-
-    robots: tuple[str, ...] = (*ENVIRONMENTS, "dm/quadruped")
-    """Ids of gymnasium's MuJoCo environments, or dm_control's quadruped."""
-    steps: int = 2000
-    """Timesteps per run; the controls change every `_HELD` timesteps."""
-    repetitions: int = 8
-    """Number of runs, each from the start."""
-
-
-_HELD = 5
-
-
-def run_robots(study: RobotCost) -> Iterator[Row]:
+def run_robots(
+    robots: tuple[str, ...] = (*ENVIRONMENTS, "dm/quadruped"), *, steps: int = 2000, repetitions: int = 8
+) -> Iterator[Row]:
     """Yield one row per robot and integrator: microseconds of a step of MuJoCo, of time stepping and of soft stepping.
 
     The law is Moreau's with e = 0, and friction is exact. The integrators are the model's own and Euler.
+
+    Args:
+        robots: ids of gymnasium's MuJoCo environments, or dm_control's quadruped.
+        steps: timesteps per run, under random controls that change every five timesteps.
+        repetitions: number of runs, each from the start.
     """
-    for name in study.robots:
+    for name in robots:
         shipped = _robot(name).opt.integrator
         for integrator in dict.fromkeys((shipped, int(mujoco.mjtIntegrator.mjINT_EULER))):
             model = _robot(name)
             model.opt.integrator = integrator
             ways: dict[str, Callable[[mujoco.MjData], object]] = {
-                "mujoco_us": partial(mujoco.mj_step, model),
-                "time_stepping_us": Stepper(model, Moreau(0.0), scheme="time-stepping").step,
-                "soft_us": Stepper(model, Moreau(0.0), contact_model="soft").step,
+                "mujoco": partial(mujoco.mj_step, model),
+                "time_stepping": Stepper(model, Moreau(0.0), scheme="time-stepping").step,
+                "soft": Stepper(model, Moreau(0.0), contact_model="soft").step,
             }
-            pieces = -(-study.steps // _HELD)
-            best = {way: np.full(pieces, np.inf) for way in ways}
-            for _ in range(study.repetitions):
-                for way, step in ways.items():
-                    best[way] = np.minimum(best[way], _drive(model, step, pieces))
-            cost = {way: MICRO * float(seconds.sum()) / (pieces * _HELD) for way, seconds in best.items()}
-            row: Row = {"robot": name, "integrator": mujoco.mjtIntegrator(integrator).name[6:], **cost}
-            ratios = {f"{way}_ratio": cost[f"{way}_us"] / cost["mujoco_us"] for way in ("time_stepping", "soft")}
+            pieces = -(-steps // _HELD)
+            taken = fastest({way: partial(_drive, model, step, pieces) for way, step in ways.items()}, repetitions)
+            row: Row = {"robot": name, "integrator": mujoco.mjtIntegrator(integrator).name[6:]}
+            row |= {f"{way}_us": MICRO * seconds / (pieces * _HELD) for way, seconds in taken.items()}
+            ratios = {f"{way}_ratio": taken[way] / taken["mujoco"] for way in ("time_stepping", "soft")}
             yield row | ratios | {"shipped": integrator == shipped}
 
 
@@ -141,26 +121,18 @@ def _drive(model: mujoco.MjModel, step: Callable[[mujoco.MjData], object], piece
     return np.array(seconds)
 
 
-@dataclass(frozen=True, kw_only=True)
-class HeapCost:
-    """Which heaps of falling bodies to step, under MuJoCo's contacts and with soft stepping."""
+def run_heaps(bodies: tuple[int, ...] = (10, 30, 100), *, steps: int = 500, repetitions: int = 5) -> Iterator[Row]:
+    """Yield one row per heap: microseconds of a step of MuJoCo and of soft stepping, and their ratio.
 
-    bodies: tuple[int, ...] = (10, 30, 100)
-    """Numbers of bodies: boxes, balls, capsules, cylinders and ellipsoids in turn."""
-    steps: int = 500
-    """Timesteps of 2 ms per run."""
-    repetitions: int = 5
-    """Number of runs."""
-
-
-def run_heaps(study: HeapCost) -> Iterator[Row]:
-    """Yield one row per heap: microseconds of a step of MuJoCo and of soft stepping, and their ratio."""
-    for bodies in study.bodies:
-        best = np.full((2, -(-study.steps // _PIECE)), np.inf)
-        for _ in range(study.repetitions):
-            best = np.minimum(best, _fall(heap(bodies), study))
-        plain, soft = MICRO * best.sum(axis=1) / study.steps
-        yield {"bodies": bodies, "mujoco_us": plain, "soft_us": soft, "ratio": soft / plain}
+    Args:
+        bodies: numbers of bodies: boxes, balls, capsules, cylinders and ellipsoids in turn.
+        steps: timesteps of 2 ms per run.
+        repetitions: number of runs.
+    """
+    for number in bodies:
+        runs = [_fall(heap(number), steps) for _ in range(repetitions)]
+        plain, soft = MICRO * np.min(runs, axis=0).sum(axis=1) / steps
+        yield {"bodies": number, "mujoco_us": plain, "soft_us": soft, "ratio": soft / plain}
 
 
 def heap(bodies: int) -> mujoco.MjModel:
@@ -174,11 +146,11 @@ def heap(bodies: int) -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{world}</worldbody></mujoco>")
 
 
-def _fall(model: mujoco.MjModel, study: HeapCost) -> np.ndarray:
+def _fall(model: mujoco.MjModel, steps: int) -> np.ndarray:
     """Return the time of each piece, s, by MuJoCo and soft, (2, pieces); both start where the last soft piece ended."""
     stepper, data, seconds = Stepper(model, Moreau(RESTITUTION), contact_model="soft"), mujoco.MjData(model), []
     ways: tuple[Callable[[mujoco.MjData], object], ...] = (lambda data: mujoco.mj_step(model, data), stepper.step)
-    for _ in range(0, study.steps, _PIECE):
+    for _ in range(0, steps, _PIECE):
         first, spent = copy.copy(data), []
         for where, step in zip((first, data), ways, strict=True):
             with no_collection():
@@ -190,37 +162,28 @@ def _fall(model: mujoco.MjModel, study: HeapCost) -> np.ndarray:
     return np.array(seconds).T
 
 
-@dataclass(frozen=True, kw_only=True)
-class TaskCost:
-    """Which of this package's own tasks to step under random actions."""
+def run_tasks(
+    tasks: tuple[str, ...] = ("Juggler", "RockingBlock", "Billiards"), *, actions: int = 1000, repetitions: int = 3
+) -> Iterator[Row]:
+    """Yield one row per task and scheme: environment steps per second under random actions, resets included.
 
-    tasks: tuple[str, ...] = ("Juggler", "RockingBlock", "Billiards")
-    """Names of `impactlaw/...-v0`."""
-    actions: int = 1000
-    """Environment steps per run."""
-    times: int = 3
-    """Number of runs."""
-    worlds: int = 256
-    """Number of worlds for tasks that have a vector environment, stepped by all threads."""
+    Tasks with a vector environment are also stepped in many worlds, by all threads.
 
-
-def run_tasks(study: TaskCost) -> Iterator[Row]:
-    """Yield one row per task and scheme: environment steps per second, resets included."""
-    for name in study.tasks:
+    Args:
+        tasks: names of `impactlaw/...-v0`.
+        actions: environment steps per run.
+        repetitions: number of runs.
+    """
+    for name in tasks:
         for scheme in ("event-driven", "time-stepping"):
             env = gymnasium.make(f"impactlaw/{name}-v0", scheme=scheme)
-            env.action_space.seed(0)
-            actions = [env.action_space.sample() for _ in range(study.actions)]
-            best = np.full(-(-study.actions // _PIECE), np.inf)
-            for _ in range(study.times):
-                best = np.minimum(best, _episode(env, actions)[0])
+            taken = fastest({scheme: partial(_episode, env, _actions(env, actions))}, repetitions)
             env.close()
-            yield {"task": name, "scheme": scheme, "steps_per_second": study.actions / float(best.sum())}
-        spec = gymnasium.spec(f"impactlaw/{name}-v0")
-        if spec.vector_entry_point is not None:
-            worlds = gymnasium.make_vec(f"impactlaw/{name}-v0", study.worlds, "vector_entry_point")
-            rate = steps_per_second(worlds, max(1, study.actions // _PIECE), study.times)
-            yield {"task": name, "scheme": f"{study.worlds} worlds", "steps_per_second": rate}
+            yield {"task": name, "scheme": scheme, "steps_per_second": actions / taken[scheme]}
+        if gymnasium.spec(f"impactlaw/{name}-v0").vector_entry_point is not None:
+            worlds = gymnasium.make_vec(f"impactlaw/{name}-v0", _WORLDS, "vector_entry_point")
+            rate = steps_per_second(worlds, max(1, actions // _PIECE), repetitions)
+            yield {"task": name, "scheme": f"{_WORLDS} worlds", "steps_per_second": rate}
 
 
 def steps_per_second(worlds: VectorEnv, calls: int, times: int = 1) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from .omissions import LATER
-from .steps import ALL, FINE, PLAIN
+from .steps import ALL, FINE
 
 LAW_RATIO, LAW_CONTACTS = 3.0, 16
 STEP_RATIO = 4.0
@@ -19,7 +19,6 @@ CHAIN, CHAIN_FASTER, CHAIN_GROWTH, CHAIN_RESIDUAL = 1000, 5.0, 15.0, 1e-10
 IMPORT_SECONDS = 0.3
 MANY, SECOND_THREAD = 1024, 1.8
 OF_PROCESSES, COMPILE_SECONDS, LOAD_SECONDS = 5.0, 60.0, 2.0
-SOFT_RATIOS = {"Ant-v5": 1.15, "Humanoid-v5": 1.15, "Hopper-v5": 1.25, "Walker2d-v5": 1.25}
 SAVED = 0.95  # smallest allowed time with a part put back, relative to that without it (median of scenes), given noise
 SAME = 1e-12  # m or rad; largest difference between two ways to take the same steps
 _COMPARED = {
@@ -114,12 +113,7 @@ def _chain_goals(table: Table) -> Iterator[Goal]:
 
 
 def _step_goals(table: Table) -> Iterator[Goal]:
-    for row in records(table[table.contact_model == "soft"]):
-        scene = row["scene"]
-        if row["phase"] == PLAIN and scene in SOFT_RATIOS:
-            name = f"soft step without a collision <= {SOFT_RATIOS[scene]:g} x mj_step, {scene}"
-            yield _most(name, row["ratio"], SOFT_RATIOS[scene])
-    rigid = table[(table.contact_model == "rigid") & (table.outcome == FINE)]
+    rigid = table[table.outcome == FINE]
     for phase in ("flight", "contact", ALL):
         rows = rigid[(rigid.integrator == "RK4") & (rigid.phase == phase)].sort_values("ratio")
         if len(rows):

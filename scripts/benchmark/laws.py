@@ -7,7 +7,6 @@ prepared outside its time, and its answer is not checked.
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from itertools import product
 
@@ -24,32 +23,26 @@ _SLOW = 0.2  # s; above this time of a round, two rounds are enough
 _KINDS = ("independent", "plate")
 
 
-@dataclass(frozen=True, kw_only=True)
-class LawCost:
-    """Which problems to time, and for how long."""
-
-    sizes: tuple[int, ...] = (1, 2, 4, 8, 16, 32, 64, 128, 256)
-    """Numbers of contacts h."""
-    problems: int = 20
-    """Random problems of each size and kind, fewer where they are large; a round solves each one once."""
-    seconds: float = 0.25
-    """Time per row."""
-    seed: int = 0
-    """Seed of the problems."""
-
-
-def run(study: LawCost) -> Iterator[Row]:
+def run(
+    sizes: tuple[int, ...] = (1, 2, 4, 8, 16, 32, 64, 128, 256), *, problems: int = 20, seconds: float = 0.25
+) -> Iterator[Row]:
     """Yield one row per kind of contacts, h and law.
 
     Columns: nnls_us; law_us (`Law.resolve`) and audited_us (with `Impact.residual` as well, which is independent of
     the solver), each with its ratio to nnls; residual, the largest over the problems.
+
+    Args:
+        sizes: numbers of contacts h.
+        problems: random problems of each size and kind, fewer where they are large; a round solves each one once.
+        seconds: time per row.
     """
-    for kind, h in product(_KINDS, study.sizes):
-        for law in laws(kind, h):
-            yield _row(study, kind, h, law)
+    for kind, h in product(_KINDS, sizes):
+        several = list(collisions(kind, h, min(problems, max(2, _MANY // h))))
+        for name, law in laws(kind, h).items():
+            yield {"kind": kind, "h": h, "law": name} | _row(law, several, seconds)
 
 
-def collisions(kind: str, h: int, count: int, seed: int) -> Iterator[Collision]:
+def collisions(kind: str, h: int, count: int, seed: int = 0) -> Iterator[Collision]:
     """Yield random collisions: "independent" closing contacts (3 h / 2 degrees of freedom), or feet of a free plate."""
     rng = np.random.default_rng([seed, h, _KINDS.index(kind)])
     for _ in range(count):
@@ -73,9 +66,7 @@ def laws(kind: str, h: int) -> dict[str, Law]:
     return {"moreau 0.5": Moreau(0.5), "newton": Newton(np.linspace(0.2, 0.9, h).tolist()), "fremond": Fremond(matrix)}
 
 
-def _row(study: LawCost, kind: str, h: int, named: str) -> Row:
-    law = laws(kind, h)[named]
-    several = list(collisions(kind, h, min(study.problems, max(2, _MANY // h)), study.seed))
+def _row(law: Law, several: list[Collision], seconds: float) -> Row:
     problems = [problem(law, c) for c in several]
     start = time.perf_counter()
     residual = max(law.resolve(c).residual for c in several)
@@ -85,8 +76,8 @@ def _row(study: LawCost, kind: str, h: int, named: str) -> Row:
         "law": lambda: [partial(law.resolve, fresh(c)) for c in several],
         "audited": lambda: [partial(_resolve_and_audit, law, fresh(c)) for c in several],
     }
-    timed = in_turns(subjects, seconds=study.seconds, fewest=rounds)
-    row: Row = {"kind": kind, "h": h, "law": named, "residual": residual}
+    timed = in_turns(subjects, seconds=seconds, fewest=rounds)
+    row: Row = {"residual": residual}
     row |= {f"{name}_us": timed.microseconds(name) for name in subjects}
     return row | {f"{name}_ratio": timed.ratio(name, "nnls") for name in ("law", "audited")}
 

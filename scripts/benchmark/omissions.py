@@ -5,7 +5,7 @@ The trial of the last contact forces is a shortcut that leaves out contacts whil
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -30,30 +30,22 @@ _OPTIONAL = ("detection", "convex", "faces", "passing", "turning", "inertia", *L
 _PENDULUM = """<mujoco model="pendulum"><option timestep=".005" integrator="RK4"/><worldbody><body>
 <joint type="hinge" axis="0 1 0"/><geom type="capsule" size=".02" fromto="0 0 0 0 0 -1" contype="0" conaffinity="0"/>
 </body></worldbody></mujoco>"""
+_SCENES = "pendulum", "bouncing_ball", "cradle 5", "box_drop", "box at rest", "billiard_rack", "juggler"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Omissions:
-    """Which scenes to step, how many steps from the start, and for how long each."""
-
-    scenes: tuple[str, ...] = (
-        "pendulum", "bouncing_ball", "cradle 5", "box_drop", "box at rest", "billiard_rack", "juggler",
-    )  # fmt: skip
-    """Names from `scripts.benchmark.scenes`, or "pendulum", which has no contacts."""
-    steps: int = 100
-    """Timesteps of each run, from the start."""
-    seconds: float = 2.0
-    """Processor time per scene."""
-
-
-def run(study: Omissions) -> Iterator[Row]:
+def run(scenes: tuple[str, ...] = _SCENES, *, steps: int = 100, seconds: float = 2.0) -> Iterator[Row]:
     """Yield one row per scene and part left out.
 
-    Columns: planned_us and forced_us per step (mean over a run, median over runs), saved_us, ratio of forced to
-    planned; difference, the largest change of a position at the end, which is 0 for a part that is not needed.
+    Columns: planned_us and forced_us per step (mean over a run, median over runs), ratio of forced to planned;
+    difference, the largest change of a position at the end, which is 0 for a part that is not needed.
+
+    Args:
+        scenes: names from `scripts.benchmark.scenes`, or "pendulum", which has no contacts.
+        steps: timesteps of each run, from the start.
+        seconds: processor time per scene.
     """
-    for name in study.scenes:
-        yield from _rows(study, _scene(name))
+    for name in scenes:
+        yield from _rows(_scene(name), steps, seconds)
 
 
 def _scene(name: str) -> Scene:
@@ -63,28 +55,28 @@ def _scene(name: str) -> Scene:
     return Scene(name=name, model=model, law=Moreau(0.5), starts=((np.array([1.0]), np.zeros(1)),))
 
 
-def _rows(study: Omissions, scene: Scene) -> Iterator[Row]:
+def _rows(scene: Scene, steps: int, seconds: float) -> Iterator[Row]:
     plan = make_plan(scene.model)
     forced = {name: replace(plan, **{name: True}) for name in _OPTIONAL if not getattr(plan, name)}
     if plan.rest:
         forced[REST] = replace(plan, rest=False)
     if not forced:
         return
-    runs = {name: _Run(study, scene, version) for name, version in {"planned": plan, **forced}.items()}
-    timed = in_turns({name: run.prepare for name, run in runs.items()}, seconds=study.seconds, clock=time.thread_time)
-    planned = timed.microseconds("planned") / study.steps
+    runs = {name: _Run(scene, version, steps) for name, version in {"planned": plan, **forced}.items()}
+    timed = in_turns({name: run.prepare for name, run in runs.items()}, seconds=seconds, clock=time.thread_time)
+    planned = timed.microseconds("planned") / steps
     for name in forced:
-        us = timed.microseconds(name) / study.steps
+        us = timed.microseconds(name) / steps
         row: Row = {"scene": scene.name, "left_out": name}
-        row |= {"planned_us": planned, "forced_us": us, "saved_us": us - planned, "ratio": timed.ratio(name, "planned")}
+        row |= {"planned_us": planned, "forced_us": us, "ratio": timed.ratio(name, "planned")}
         yield row | {"difference": float(np.abs(runs[name].data.qpos - runs["planned"].data.qpos).max())}
 
 
 class _Run:
     """A run of one scene under one plan, from the start."""
 
-    def __init__(self, study: Omissions, scene: Scene, plan: Plan):
-        self._scene, self._steps = scene, study.steps
+    def __init__(self, scene: Scene, plan: Plan, steps: int):
+        self._scene, self._steps = scene, steps
         self.data = mujoco.MjData(scene.model)
         collider = Collider(scene.law, MaximalDissipation(), "raise", 100, "auto")
         self._step = RigidStepping(scene.model, collider, plan, exact=True, gap_tolerance=GAP_TOLERANCE).step

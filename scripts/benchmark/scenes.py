@@ -14,11 +14,8 @@ from impactlaw.laws.restitution.from_scene import scene_law
 from impactlaw.models import load, scene_names
 from impactlaw.models.builder import cradle
 
-_NAMES = {int(value): name.removeprefix("mjINT_") for name, value in mujoco.mjtIntegrator.__members__.items()}
-HELD = 5
-"""Number of steps of an environment for which a control is held."""
-
 _STEPS = 200  # steps per episode of an environment
+_HELD = 5  # steps of an environment for which a control is held
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,7 +25,7 @@ class Scene:
     Attributes:
         name: name of the scene.
         model: compiled model.
-        law: law of rigid and of soft stepping.
+        law: law of rigid stepping.
         starts: positions and velocities that the episodes start from, in turn.
         episode: number of steps from one start.
         settle: number of steps before an episode is timed, for scenes at rest.
@@ -48,7 +45,7 @@ class Scene:
     @property
     def integrator(self) -> str:
         """Name of the integrator."""
-        return _NAMES[self.model.opt.integrator]
+        return mujoco.mjtIntegrator(self.model.opt.integrator).name.removeprefix("mjINT_")
 
     def begin(
         self, data: mujoco.MjData, start: tuple[np.ndarray, np.ndarray], step: Callable[[mujoco.MjData], object]
@@ -130,7 +127,7 @@ def _environment(name: str, episodes: int = 5) -> Scene:
         env.reset(seed=seed)
         starts.append((_within_limits(model, data.qpos), data.qvel.copy()))
     low, high = model.actuator_ctrlrange.T
-    held = np.repeat(np.random.default_rng(0).uniform(low, high, (_STEPS // HELD, model.nu)), HELD, axis=0)
+    held = np.repeat(np.random.default_rng(0).uniform(low, high, (_STEPS // _HELD, model.nu)), _HELD, axis=0)
     options = {"name": name, "model": model, "law": Moreau(0.5), "starts": tuple(starts), "controls": held}
     return Scene(**options, episode=_STEPS, friction="ignore")
 

@@ -1,14 +1,12 @@
-"""Run time of rigid and soft steps against `mj_step`, on the same scene, integrator and start, in one process.
+"""Run time of rigid steps against `mj_step`, on the same scene, integrator and start, in one process.
 
 Rigid stepping and `mj_step` each follow their own motion from the same start, in alternating blocks of steps, because
 their states differ (soft contacts rest in penetration). Steps are sorted by phase: "collision" (the law was applied),
-"contact" (bodies touch) and "flight" (no contact); "plain" joins the last two. A soft step is compared with `mj_step`
-from a copy of its own state: without a collision both give the same result, bit for bit.
+"contact" (bodies touch) and "flight" (no contact).
 """
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from itertools import cycle
 from typing import Any, NamedTuple
@@ -21,27 +19,11 @@ from impactlaw import ImpactLawError, Stepper, read_contacts
 from .scenes import Scene, builders
 from .timing import MICRO, Row, no_collection
 
-ALL, PLAIN = "all", "plain"
+ALL, FINE = "all", "fine"
 PHASES = ("flight", "contact", "collision")
-_TOGETHER = {ALL: PHASES, PLAIN: PHASES[:2]}
-FINE = "fine"
+FEWEST = 20
+"""Smallest number of steps of a scene, however long they take."""
 _BLOCK = 10
-
-
-@dataclass(frozen=True, kw_only=True)
-class StepCost:
-    """Which scenes to step, and for how long."""
-
-    cradles: tuple[int, ...] = (5, 100, 1000)
-    """Numbers of balls of the cradles."""
-    environments: tuple[str, ...] = ("Ant-v5", "Humanoid-v5", "Hopper-v5", "Walker2d-v5")
-    """Ids of gymnasium's MuJoCo environments; rigid stepping ignores their friction."""
-    full: bool = True
-    """Include every scene of models/, and cradle and box with Euler as well."""
-    seconds: float = 2.0
-    """Time per scene and contact model."""
-    fewest: int = 20
-    """Smallest number of steps, however long they take."""
 
 
 class Costs:
@@ -62,14 +44,9 @@ class Costs:
         self._by_phase[phase].append(MICRO * seconds)
         self.steps += 1
 
-    def check(self, stepper: Stepper) -> None:
-        """Record the residuals of the collisions of the last step."""
-        for event in stepper.events:
-            self.residual = max(self.residual, event.impact.residual)
-
     def of(self, phase: str) -> np.ndarray:
-        """Return the times of the steps of a phase, of plain steps or of all steps, in microseconds."""
-        return np.concatenate([self._by_phase[name] for name in _TOGETHER.get(phase, (phase,))])
+        """Return the times of the steps of a phase or of all steps, in microseconds."""
+        return np.concatenate([self._by_phase[name] for name in (PHASES if phase == ALL else (phase,))])
 
 
 class Turn(NamedTuple):
@@ -81,22 +58,32 @@ class Turn(NamedTuple):
     book: Callable[[float, Any], None]
 
 
-def run(study: StepCost) -> Iterator[Row]:
-    """Yield one row per scene, contact model and phase.
+def run(
+    cradles: tuple[int, ...] = (5, 100, 1000),
+    environments: tuple[str, ...] = ("Ant-v5", "Humanoid-v5", "Hopper-v5", "Walker2d-v5"),
+    *,
+    full: bool = True,
+    seconds: float = 2.0,
+) -> Iterator[Row]:
+    """Yield one row per scene and phase.
 
-    Columns: steps (of the contact model in that phase), median_us, mean_us; mj_steps, mj_median_us, mj_mean_us of
-    `mj_step` in the same phase, or over all of its steps where it is never in that phase; ratio of the medians and
-    mean_ratio; the largest residual and penetration (m) of the motion; outcome, "fine" or why the stepping stopped.
-    The phase "plain" contains all steps without a collision, "all" the whole motion.
+    Columns: steps (in that phase), median_us, mean_us; mj_steps, mj_median_us, mj_mean_us of `mj_step` in the same
+    phase, or over all of its steps where it is never in that phase; ratio of the medians and mean_ratio; the largest
+    residual and penetration (m) of the motion; outcome, "fine" or why the stepping stopped. The phase "all" contains
+    the whole motion.
+
+    Args:
+        cradles: numbers of balls of the cradles.
+        environments: ids of gymnasium's MuJoCo environments; rigid stepping ignores their friction.
+        full: whether to include every scene of models/, and cradle and box with Euler as well.
+        seconds: time per scene.
     """
-    for build in builders(study.cradles, study.environments, full=study.full).values():
+    for build in builders(cradles, environments, full=full).values():
         scene = build()
-        for contact_model, measure in (("rigid", _own_motions), ("soft", _same_states)):
-            costs, bare = measure(study, scene)
-            yield from _rows(scene, contact_model, costs, bare)
+        yield from _rows(scene, *_step(scene, seconds))
 
 
-def _own_motions(study: StepCost, scene: Scene) -> tuple[Costs, Costs]:
+def _step(scene: Scene, seconds: float) -> tuple[Costs, Costs]:
     """Step rigidly and by `mj_step`, each along its own motion from the same start."""
     model = scene.model
     stepper = Stepper(model, scene.law, friction=scene.friction)
@@ -104,7 +91,7 @@ def _own_motions(study: StepCost, scene: Scene) -> tuple[Costs, Costs]:
     costs, bare_costs = Costs(), Costs()
 
     def note() -> tuple[np.ndarray, bool]:
-        costs.check(stepper)
+        costs.residual = max([costs.residual, *(event.impact.residual for event in stepper.events)])
         return rigid.qpos.copy(), bool(stepper.events)
 
     def book(seconds: float, noted: tuple[np.ndarray, bool]) -> None:
@@ -120,7 +107,7 @@ def _own_motions(study: StepCost, scene: Scene) -> tuple[Costs, Costs]:
         Turn(rigid, stepper.step, note, book),
         Turn(bare, partial(mujoco.mj_step, model), lambda: bare.ncon, book_bare),
     ]
-    end = time.perf_counter() + study.seconds
+    end = time.perf_counter() + seconds
     try:
         for start in cycle(scene.starts):
             for turn in turns:
@@ -129,7 +116,7 @@ def _own_motions(study: StepCost, scene: Scene) -> tuple[Costs, Costs]:
                 turns.reverse()
                 for turn in turns:
                     _take(scene, turn, range(first, first + _BLOCK))
-                if costs.steps >= study.fewest and time.perf_counter() > end:
+                if costs.steps >= FEWEST and time.perf_counter() > end:
                     return costs, bare_costs
     except ImpactLawError as error:
         costs.outcome = f"{type(error).__name__}: {error}"
@@ -141,56 +128,23 @@ def _take(scene: Scene, turn: Turn, numbers: range) -> None:
     taken = []
     for number in numbers:
         scene.drive(turn.data, number)
-        seconds = timed(turn.step, turn.data)
+        with no_collection():
+            start = time.perf_counter()
+            turn.step(turn.data)
+            seconds = time.perf_counter() - start
         taken.append((seconds, turn.note()))
     for seconds, noted in taken:
         turn.book(seconds, noted)
 
 
-def _same_states(study: StepCost, scene: Scene) -> tuple[Costs, Costs]:
-    """Take every step of a soft motion by `mj_step` as well, from a copy of the state, in alternating order."""
-    model = scene.model
-    stepper = Stepper(model, scene.law, contact_model="soft")
-    soft, copy = mujoco.MjData(model), mujoco.MjData(model)
-    costs, bare_costs = Costs(), Costs()
-    bare_step = partial(mujoco.mj_step, model)
-    end = time.perf_counter() + study.seconds
-    try:
-        for start in cycle(scene.starts):
-            scene.begin(soft, start, stepper.step)
-            for number in range(scene.episode):
-                scene.drive(soft, number)
-                mujoco.mj_copyData(copy, model, soft)
-                bare_first = timed(bare_step, copy) if number % 2 else None
-                seconds = timed(stepper.step, soft)
-                bare_seconds = bare_first if bare_first is not None else timed(bare_step, copy)
-                phase = "collision" if stepper.events else "contact" if soft.ncon else "flight"
-                costs.book(phase, seconds)
-                bare_costs.book(phase, bare_seconds)
-                costs.check(stepper)
-                if costs.steps >= study.fewest and time.perf_counter() > end:
-                    return costs, bare_costs
-    except ImpactLawError as error:
-        costs.outcome = f"{type(error).__name__}: {error}"
-    return costs, bare_costs
-
-
-def timed(step: Callable[[mujoco.MjData], object], data: mujoco.MjData) -> float:
-    """Take a step, and return its time, s."""
-    with no_collection():
-        start = time.perf_counter()
-        step(data)
-        return time.perf_counter() - start
-
-
-def _rows(scene: Scene, contact_model: str, costs: Costs, bare: Costs) -> Iterator[Row]:
-    about = {"scene": scene.name, "integrator": scene.integrator, "nv": scene.model.nv, "contact_model": contact_model}
+def _rows(scene: Scene, costs: Costs, bare: Costs) -> Iterator[Row]:
+    about = {"scene": scene.name, "integrator": scene.integrator, "nv": scene.model.nv}
     right = {"residual": costs.residual, "penetration": costs.penetration, "outcome": costs.outcome}
-    for phase in (*PHASES, PLAIN, ALL):
+    for phase in (*PHASES, ALL):
         ours = costs.of(phase)
         if len(ours) == 0 and phase != ALL:
             continue
-        theirs = bare.of("contact" if phase == "collision" and contact_model == "rigid" else phase)
+        theirs = bare.of("contact" if phase == "collision" else phase)
         theirs = theirs if len(theirs) else bare.of(ALL)
         row: Row = {"phase": phase, "steps": len(ours), "mj_steps": len(theirs)}
         for name, statistic in (("median", np.median), ("mean", np.mean)):

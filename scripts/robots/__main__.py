@@ -95,7 +95,6 @@ def run(cases: list[Case], jobs: int = 1) -> Iterator[Row]:
     beyond its largest value so far; met, the share of steps whose shortfall is below 1e-6 of the speed; short and
     short_at, the largest shortfall; unlocated; warnings of MuJoCo; outcome, "fine" or why the case stopped.
     """
-    processes.prepare()
     if any(case.way in ("time-stepping", "event-driven") for case in cases):
         with Worker(compile_steps) as worker:  # compile once, to disk; a case has no time for it
             worker.begin()
@@ -108,7 +107,6 @@ def run(cases: list[Case], jobs: int = 1) -> Iterator[Row]:
 def main() -> None:
     """Run the study of the command line; when interrupted, show the rows so far."""
     options = tyro.cli(Options, description=__doc__)
-    processes.prepare()
     cases = plan(options.study.quickly() if options.quick else options.study)
     rows: list[Row] = []
     try:

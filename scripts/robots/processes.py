@@ -10,13 +10,6 @@ from .case import Case, Row, described, run
 
 LOADING = 200.0
 """Wall time that a case may take in addition to its own, s: for loading the scene, and for the last step."""
-_ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
-
-
-def prepare() -> None:
-    """Let all processes that are started from now on use one BLAS thread each, and no graphics."""
-    os.environ.update(_ENVIRONMENT)
-    os.environ.setdefault("MUJOCO_GL", "disable")
 
 
 def apart(case: Case) -> Row:

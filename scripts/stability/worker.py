@@ -4,8 +4,6 @@ import traceback
 import warnings
 from pathlib import Path
 
-from threadpoolctl import threadpool_limits
-
 from impactlaw.errors import ImpactLawError
 from scripts import apart
 
@@ -32,16 +30,12 @@ class Worker(apart.Worker):
 
 
 def _prepare() -> None:
-    """Import and compile the code of all rows before the first is timed; turn floating-point warnings into errors.
-
-    BLAS gets one thread, because several take 100 times as long on a busy machine.
-    """
+    """Import and compile the code of all rows before the first is timed; turn floating-point warnings into errors."""
     from impactlaw.solvers import load_solvers
     from impactlaw.stepping.time_stepping.make import warm_up
 
     load_solvers()
     warm_up()
-    threadpool_limits(1, "blas")
     warnings.simplefilter("error", RuntimeWarning)
 
 

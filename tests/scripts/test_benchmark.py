@@ -1,6 +1,7 @@
 """The benchmark: its quick form runs, its tables are complete, and the timed results are right. No test of speed."""
 
 from importlib.util import find_spec
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -16,17 +17,15 @@ from scripts.benchmark.timing import in_turns
 pytestmark = theirs
 
 
-@pytest.fixture(scope="module")
-def study():
-    return benchmark.Benchmark().quickly()
+QUICK = benchmark.QUICK
 
 
 @pytest.fixture(scope="module")
-def tables(study, tmp_path_factory):
+def tables(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
         patch.chdir(tmp_path_factory.mktemp("benchmark"))  # MuJoCo may write its warnings to a file there
-        return benchmark.run(study)
+        return benchmark.run(benchmark.Benchmark().parts, quick=True)
 
 
 def positive(table, *columns):
@@ -36,11 +35,11 @@ def positive(table, *columns):
         assert (values > 0).all(), column
 
 
-def test_every_law_has_a_row_and_is_certified(study, tables):
-    table = tables["laws"]
-    expected = [(k, h, law) for k in ("independent", "plate") for h in study.laws.sizes for law in laws.laws(k, h)]
+def test_every_law_has_a_row_and_is_certified(tables):
+    table, sizes = tables["laws"], QUICK["laws"]["sizes"]
+    expected = [(k, h, law) for k in ("independent", "plate") for h in sizes for law in laws.laws(k, h)]
     assert list(zip(table["kind"], table["h"], table["law"], strict=True)) == expected
-    assert set(study.laws.sizes) == set(table["h"])
+    assert set(sizes) == set(table["h"])
     assert (table["residual"] < 1e-9).all()
     positive(table, "nnls_us", "law_us", "audited_us", "law_ratio", "audited_ratio")
 
@@ -71,27 +70,25 @@ def test_a_fresh_collision_has_derived_nothing():
     assert not {"gradient_norms", "pre_contact_velocity", "pre_speed"} & set(known.__dict__)
 
 
-def test_steps_of_every_scene(study, tables):
+def test_steps_of_every_scene(tables):
     table = tables["steps"]
-    assert set(table["scene"]) == set(
-        scenes.builders(study.steps.cradles, study.steps.environments, full=study.steps.full)
-    )
+    chosen = QUICK["steps"]
+    assert set(table["scene"]) == set(scenes.builders(chosen["cradles"], chosen["environments"], full=chosen["full"]))
     assert (table["outcome"] == steps.FINE).all()
     assert (table["residual"] < 1e-9).all()
     assert (table["penetration"] <= 1.1e-9).all()
     positive(table, "steps", "mj_steps", "median_us", "mean_us", "mj_median_us", "mj_mean_us", "ratio", "mean_ratio")
-    for _, rows in table.groupby(["scene", "contact_model"]):
+    for _, rows in table.groupby("scene"):
         whole = rows[rows["phase"] == steps.ALL]
         assert len(whole) == 1
         counted = rows.loc[rows["phase"].isin(steps.PHASES), "steps"].sum()
-        assert whole["steps"].item() == counted >= study.steps.fewest
+        assert whole["steps"].item() == counted >= steps.FEWEST
 
 
 def test_phases_are_what_the_scenes_do(tables):
-    table = tables["steps"]
-    rigid = table[table["contact_model"] == "rigid"].groupby("scene")["phase"].agg(set)
-    assert rigid["box at rest"] == {"contact", "plain", "all"}
-    assert rigid["64 coplanar"] == {"contact", "plain", "all"}
+    rigid = tables["steps"].groupby("scene")["phase"].agg(set)
+    assert rigid["box at rest"] == {"contact", "all"}
+    assert rigid["64 coplanar"] == {"contact", "all"}
     assert {"contact", "collision"} <= rigid["cradle 5"]
     assert "flight" in rigid["box_drop"]
 
@@ -110,8 +107,8 @@ def test_scenes_have_names_of_their_own():
         assert build().name == name
 
 
-def test_import_is_timed_beside_mujocos(study, tables):
-    assert len(tables["imports"]) == study.imports
+def test_import_is_timed_beside_mujocos(tables):
+    assert len(tables["imports"]) == QUICK["imports"]["processes"]
     positive(tables["imports"], "mujoco_s", "added_s", "modules")
 
 
@@ -153,10 +150,10 @@ def test_calls_in_turns_are_all_made_and_counted():
     assert {name: len(values) for name, values in timed.seconds.items()} == {"a": 4, "b": 4}
 
 
-def test_chains_are_solved_and_certified(study, tables):
+def test_chains_are_solved_and_certified(tables):
     table = tables["chains"]
     law = table[table["solver"] == "law"]
-    expected = [(start, h) for start in study.chains.starts for h in study.chains.sizes]
+    expected = [(start, h) for start in chains.STARTS for h in QUICK["chains"]["sizes"]]
     assert list(zip(law["chain"], law["h"], strict=True)) == expected
     assert (law["outcome"] == "solved").all()
     assert (law["residual"] < goals.CHAIN_RESIDUAL).all()
@@ -179,9 +176,9 @@ def test_residual_of_a_chain_is_zero_for_its_answer_only(start):
     assert bool(separating) is (start == "random")
 
 
-def test_a_part_that_is_not_needed_changes_no_step(study, tables):
+def test_a_part_that_is_not_needed_changes_no_step(tables):
     table = tables["omissions"]
-    assert set(table["scene"]) == set(study.omissions.scenes)
+    assert set(table["scene"]) == set(QUICK["omissions"]["scenes"])
     assert "detection" in set(table.loc[table["scene"] == "pendulum", "left_out"])
     positive(table, "planned_us", "forced_us", "ratio")
     assert (table["difference"] == 0).all()
@@ -201,9 +198,10 @@ def test_parts_that_came_later_are_shown_where_a_scene_has_none(tables):
         assert part in lines[0].goal
 
 
-def test_worlds_are_counted_and_compared(study, tables):
+def test_worlds_are_counted_and_compared(tables):
     table = tables["worlds"]
-    expected = [(name, n, t) for name in study.worlds.tasks for n in study.worlds.counts for t in study.worlds.threads]
+    chosen = QUICK["worlds"]
+    expected = list(product(chosen["tasks"], chosen["counts"], chosen["threads"]))
     assert list(zip(table["task"], table["worlds"], table["threads"], strict=True)) == expected
     positive(table, "steps_per_s", "to_shipped", "to_euler", "soft_to_shipped")
     positive(tables["vector"], "steps_per_s")
