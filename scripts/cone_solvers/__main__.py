@@ -2,7 +2,7 @@
 
 Each problem is solved from the initial guess of the scheme, and from zero. A solver is judged by processor time and by
 the largest natural map of a contact, relative to the largest offset of a contact. The other solvers are nonsmooth
-Gauss-Seidel and, where it is installed, Clarabel (convex programs, in a fixed-point iteration where friction is exact).
+Gauss-Seidel and, where it is installed, Clarabel (convex programs, in a fixed-point iteration).
 Two tables are printed, by solver and, for our solver, by scene; they are also written to files, together with all rows.
 """
 
@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import pandas as pd
 import tyro
@@ -35,10 +35,6 @@ class Study:
     """Total number of problems, the same number from each scene."""
     only: tuple[str, ...] = ()
     """Names of scenes, or parts of names; all scenes if not given."""
-    friction: Literal["coulomb", "convex"] = "coulomb"
-    """Exact friction, or the convex relaxation."""
-    seed: int = 0
-    """Seed of drops, speeds and controls."""
     most_rows: int = 300
     """Largest number of rows of the problems that Clarabel gets."""
 
@@ -65,7 +61,7 @@ def captured(study: Study, scenes: list[Scene]) -> list[Problem]:
     share = -(-study.problems // max(1, len(scenes)))
     found = []
     for scene in tqdm(scenes, desc="capturing", unit="scene", disable=None):
-        found += capture.problems_of(scene, share, study.friction, study.seed)
+        found += capture.problems_of(scene, share)
     return found
 
 

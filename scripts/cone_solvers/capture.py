@@ -6,7 +6,7 @@ arguments that the scheme passes to its solver are copied. Problems that zero im
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, Literal
+from typing import Any
 from unittest import mock
 
 import mujoco
@@ -26,7 +26,6 @@ from scripts.robots.scenes import Loaded, Scene
 from .catalogue import load_with_friction
 from .problem import Problem, scaled
 
-FrictionModel = Literal["coulomb", "convex"]
 _RUNS = 24  # largest number of runs per scene
 _SHARES = 6  # smallest number of runs that the problems of a scene are taken from
 _MANY = 100  # number of degrees of freedom from which runs are short and start slowly
@@ -38,26 +37,24 @@ _TRIVIAL = 1e-8  # natural map of zero impulses up to which a problem is trivial
 _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 
 
-def problems_of(scene: Scene, count: int, friction: FrictionModel = "coulomb", seed: int = 0) -> list[Problem]:
-    """Return up to `count` problems of a scene, the same ones for the same seed."""
+def problems_of(scene: Scene, count: int) -> list[Problem]:
+    """Return up to `count` problems of a scene, the same ones in every call."""
     loaded = load_with_friction(scene)
     share, taken = -(-count // _SHARES), []
     for run in range(_RUNS):
         if len(taken) == count:
             break
         wanted = min(share, count - len(taken))
-        taken += problems_of_run(scene, loaded, wanted, friction, np.random.default_rng([seed, run]), run)
+        taken += problems_of_run(scene, loaded, wanted, np.random.default_rng([0, run]), run)
     return taken
 
 
-def problems_of_run(
-    scene: Scene, loaded: Loaded, count: int, friction: FrictionModel, rng: np.random.Generator, run: int
-) -> list[Problem]:
+def problems_of_run(scene: Scene, loaded: Loaded, count: int, rng: np.random.Generator, run: int) -> list[Problem]:
     """Return the problems of one run; its number determines restitution and controls."""
     model = loaded.model
     data = _start(scene, loaded, rng)
-    options: dict[str, Any] = {"scheme": "time-stepping", "friction": friction, "overlap": "push-out"}
-    stepper = Stepper(model, Moreau((0.0, 0.5)[run % 2]), compiled="never", **options)  # in Python: calls can be seen
+    options: dict[str, Any] = {"scheme": "time-stepping", "overlap": "push-out", "compiled": "never"}
+    stepper = Stepper(model, Moreau((0.0, 0.5)[run % 2]), **options)  # in Python: calls can be seen
     steps, between = (_STEPS, _BETWEEN) if model.nv < _MANY else (_FEW_STEPS, _FEW_BETWEEN)
     kind = "drop" if run // 2 % 2 or not model.nu else "random"
     controls = starts.controls(model, kind, data.ctrl.copy(), -(-steps // starts.HELD), int(rng.integers(1 << 31)))

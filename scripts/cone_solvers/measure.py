@@ -2,6 +2,7 @@
 
 import statistics
 import time
+import timeit
 from collections.abc import Iterator
 
 import numpy as np
@@ -16,12 +17,10 @@ _BLOCKS, _BLOCK = 3, 5e-4  # number of blocks of calls whose median counts, and 
 
 
 def warm_up(solvers: list[Solver], problems: list[Problem]) -> None:
-    """Let every solver solve the first problem it takes, so that loading and compiling are not timed."""
+    """Let every solver solve the first problem, so that loading and compiling are not timed."""
     for solver in solvers:
-        for problem in problems:
-            if solver.takes(problem):
-                solver.bind(problem, problem.guess)()
-                break
+        for problem in problems[:1]:
+            solver.bind(problem, problem.guess)()
 
 
 def rows_of(number: int, problem: Problem, solvers: list[Solver], most_rows: int) -> Iterator[Row]:
@@ -32,7 +31,7 @@ def rows_of(number: int, problem: Problem, solvers: list[Solver], most_rows: int
     """
     about = {"problem": number, "scene": problem.scene, "rows": len(problem.offset), "singular": problem.is_singular()}
     for solver in solvers:
-        if not solver.takes(problem) or not (solver.any_size or len(problem.offset) <= most_rows):
+        if not solver.any_size and len(problem.offset) > most_rows:
             continue
         for start in STARTS:
             guess = problem.guess if start == "guess" else np.zeros(len(problem.offset))
@@ -45,16 +44,10 @@ def rows_of(number: int, problem: Problem, solvers: list[Solver], most_rows: int
 
 def _timed(call: Call) -> tuple[tuple[np.ndarray, int], float]:
     """Return the answer of a call and its processor time, s; for a short call, the median over blocks of calls."""
-    answer, spent = _block(call, 1)
-    if spent > _LONG:
-        return answer, spent
-    many = max(1, int(_BLOCK / max(spent, 1e-6)))
-    return answer, statistics.median(_block(call, many)[1] for _ in range(_BLOCKS))
-
-
-def _block(call: Call, many: int) -> tuple[tuple[np.ndarray, int], float]:
-    began = time.thread_time_ns()
-    for _ in range(many - 1):
-        call()
+    began = time.thread_time()
     answer = call()
-    return answer, 1e-9 * (time.thread_time_ns() - began) / many
+    spent = time.thread_time() - began
+    if spent <= _LONG:
+        many = max(1, int(_BLOCK / max(spent, 1e-6)))
+        spent = statistics.median(timeit.repeat(call, timer=time.thread_time, repeat=_BLOCKS, number=many)) / many
+    return answer, spent

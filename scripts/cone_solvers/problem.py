@@ -12,6 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from impactlaw.solvers.cones import BOX, CONE
+from impactlaw.solvers.cones.rows import Problem as Fields
 
 _NOTHING = 1e-10
 """Groups whose rows are shorter than this part of the longest row cannot move a body; they are left out."""
@@ -51,6 +52,15 @@ class Problem:
     guess: np.ndarray
     exact: bool
     rounds: int
+
+    @property
+    def fields(self) -> Fields:
+        """The problem as compiled functions take it."""
+        Y = self.rows
+        return Fields(
+            np.diff(Y.indptr), Y.indptr[:-1].copy(), Y.indices, Y.data, self.tree, self.first, self.size, self.kind,
+            self.bound, self.compliance, self.offset, self.exact,
+        )  # fmt: skip
 
     @cached_property
     def first(self) -> np.ndarray:

@@ -1,6 +1,5 @@
 """Tables of the study, by solver and, for our solver, by scene: as text on the screen, and in full as files."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,19 +9,6 @@ from .solvers import COMPILED
 
 SOLVED, SHARP = 1e-8, 1e-10
 """Natural maps up to which a problem counts as solved: well enough for a simulation, and as our solver aims at."""
-_PERCENT, _TINY = {"<= 1e-8 %", "<= 1e-10 %"}, {"worst", "worst from rest"}
-
-
-def _share(limit: float) -> Callable[[pd.Series], float]:
-    return lambda missed: 100.0 * float((missed <= limit).mean())
-
-
-def _above(missed: pd.Series) -> int:
-    return int((missed > SHARP).sum())
-
-
-def _percent(values: pd.Series) -> float:
-    return 100.0 * float(values.mean())
 
 
 def by_solver(table: pd.DataFrame) -> pd.DataFrame:
@@ -32,9 +18,12 @@ def by_solver(table: pd.DataFrame) -> pd.DataFrame:
     time, us; iterations; and the median time, us, of our own solver for the same problems from the same start.
     """
     own = table.loc[table.solver == COMPILED].set_index(["problem", "start"]).us
-    told = table.assign(ours=own.reindex(pd.MultiIndex.from_arrays([table.problem, table.start])).to_numpy())
-    columns: dict[str, Any] = {"n": ("us", "size")}
-    columns |= {"<= 1e-8 %": ("missed", _share(SOLVED)), "<= 1e-10 %": ("missed", _share(SHARP))}
+    told = table.assign(
+        ours=own.reindex(pd.MultiIndex.from_arrays([table.problem, table.start])).to_numpy(),
+        solved=100.0 * (table.missed <= SOLVED),
+        sharp=100.0 * (table.missed <= SHARP),
+    )
+    columns: dict[str, Any] = {"n": ("us", "size"), "<= 1e-8 %": ("solved", "mean"), "<= 1e-10 %": ("sharp", "mean")}
     columns |= {"us p50": ("us", "median")}
     columns |= {f"p{q}": ("us", lambda us, q=q: us.quantile(q / 100)) for q in (90, 99)} | {"max": ("us", "max")}
     columns |= {"iterations p50": ("iterations", "median"), "its max": ("iterations", "max")}
@@ -48,14 +37,16 @@ def by_scene(table: pd.DataFrame) -> pd.DataFrame:
     Columns: n; rows of the problems; percentages of problems with a singular Delassus matrix, and with sliding;
     processor time, us; unsolved, number of problems with a natural map above 1e-10; worst, the largest natural map.
     """
-    own = table.loc[table.solver == COMPILED]
-    rest = own.loc[own.start == "rest"].set_index("problem").missed
-    told = own.loc[own.start == "guess"].assign(rest=lambda own: rest.reindex(own.problem).to_numpy())
+    own = table.loc[table.solver == COMPILED].assign(
+        above=lambda own: own.missed > SHARP, singular=100.0 * table.singular, slides=100.0 * table.slides
+    )
+    rest = own.loc[own.start == "rest", ["problem", "missed", "above"]]
+    told = own.loc[own.start == "guess"].merge(rest, on="problem", suffixes=("", "_rest"))
     columns: dict[str, Any] = {"n": ("us", "size"), "rows p50": ("rows", "median"), "rows max": ("rows", "max")}
-    columns |= {"singular %": ("singular", _percent), "sliding %": ("slides", _percent)}
+    columns |= {"singular %": ("singular", "mean"), "sliding %": ("slides", "mean")}
     columns |= {"us p50": ("us", "median"), "us max": ("us", "max")}
-    columns |= {"unsolved": ("missed", _above), "from rest": ("rest", _above)}
-    columns |= {"worst": ("missed", "max"), "worst from rest": ("rest", "max")}
+    columns |= {"unsolved": ("above", "sum"), "from rest": ("above_rest", "sum")}
+    columns |= {"worst": ("missed", "max"), "worst from rest": ("missed_rest", "max")}
     return told.groupby("scene", sort=False).agg(**columns).reset_index()
 
 
@@ -73,13 +64,10 @@ def write(table: pd.DataFrame, folder: Path) -> None:
 
 
 def _text(table: pd.DataFrame) -> str:
-    shown = {str(name): [_cell(str(name), value) for value in column] for name, column in table.items()}
-    return pd.DataFrame(shown).to_string(index=False)
+    special: dict[Any, Any] = dict.fromkeys(("<= 1e-8 %", "<= 1e-10 %"), "{:.1f}".format)
+    special |= dict.fromkeys(("worst", "worst from rest"), "{:.0e}".format)
+    return table.to_string(index=False, formatters=special, float_format=_number)
 
 
-def _cell(name: str, value: Any) -> str:
-    if isinstance(value, str):
-        return value
-    if name in _TINY:
-        return f"{value:.0e}"
-    return f"{value:.1f}" if name in _PERCENT or (value < 10.0 and value != round(value)) else f"{value:.0f}"
+def _number(x: float) -> str:
+    return f"{x:.1f}" if x < 10.0 and x != round(x) else f"{x:.0f}"

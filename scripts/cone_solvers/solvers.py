@@ -26,16 +26,14 @@ class Solver(NamedTuple):
     Attributes:
         name: name in tables.
         package: import name of the package that it needs.
-        takes: returns whether it can solve a problem.
-        any_size: whether it gets large problems as well.
         bind: returns the call that solves a problem from a guess.
+        any_size: whether it gets large problems as well.
     """
 
     name: str
     package: str
-    takes: Callable[[Problem], bool]
-    any_size: bool
     bind: Callable[[Problem, np.ndarray], Call]
+    any_size: bool = True
 
 
 def solvers() -> list[Solver]:
@@ -51,12 +49,8 @@ def solvers() -> list[Solver]:
 
 def compiled(problem: Problem, guess: np.ndarray) -> Call:
     """Return the call of our own solver, with the arguments that time stepping gives it."""
-    rows = problem.rows
-    arguments = (
-        np.diff(rows.indptr), rows.indptr[:-1].copy(), rows.indices, rows.data, rows.shape[1], problem.tree,
-        problem.first, problem.size, problem.kind, problem.bound, problem.compliance, problem.offset, guess,
-        problem.exact, TOLERANCE, problem.rounds, np.inf,
-    )  # fmt: skip
+    *known, exact = problem.fields
+    arguments = *known[:4], problem.rows.shape[1], *known[4:], guess, exact, TOLERANCE, problem.rounds, np.inf
 
     def call() -> tuple[np.ndarray, int]:
         x, _, _, taken = solve(*arguments)
@@ -66,20 +60,21 @@ def compiled(problem: Problem, guess: np.ndarray) -> Call:
 
 
 def _gauss_seidel(problem: Problem, guess: np.ndarray) -> Call:
-    arrays = gauss_seidel.arrays(problem)
+    fields = problem.fields
 
     def call() -> tuple[np.ndarray, int]:
         x = guess.copy()
-        return x, gauss_seidel.sweep(arrays, x, _ENOUGH * problem.scale, _SWEEPS)
+        return x, gauss_seidel.sweep(fields, x, _ENOUGH * problem.scale, _SWEEPS)
 
     return call
 
 
+def _clarabel(problem: Problem, guess: np.ndarray) -> Call:
+    return lambda: clarabel_cones.fixed_point(problem, guess)
+
+
 _ALL = (
-    Solver(COMPILED, "impactlaw", lambda problem: True, True, compiled),
-    Solver("Gauss-Seidel", "numba", lambda problem: problem.exact, True, _gauss_seidel),
-    Solver(
-        "Clarabel", "clarabel", lambda problem: True, False,
-        lambda problem, guess: lambda: clarabel_cones.fixed_point(problem, guess),
-    ),
-)  # fmt: skip
+    Solver(COMPILED, "impactlaw", compiled),
+    Solver("Gauss-Seidel", "numba", _gauss_seidel),
+    Solver("Clarabel", "clarabel", _clarabel, any_size=False),
+)

@@ -86,7 +86,7 @@ def test_problems_are_those_of_the_scheme(scene, monkeypatch):
     monkeypatch.setattr(contact_impulses, "resolve_step", resolve)
     problem = capture.problem_of
     monkeypatch.setattr(capture, "problem_of", lambda *given: seen.append((problem(*given), None)) or seen[-1][0])
-    capture.problems_of_run(scene, load_with_friction(scene), 3, "coulomb", np.random.default_rng(0), 0)
+    capture.problems_of_run(scene, load_with_friction(scene), 3, np.random.default_rng(0), 0)
     assert len(seen) > 10
     assert any(one.guess.any() for one, _ in seen)
     for one, impulse in seen:
@@ -102,12 +102,8 @@ def test_problems(problems):
         x = solved(problem)
         lengths = np.sqrt(np.asarray(problem.rows.multiply(problem.rows).sum(axis=1)))
         assert np.maximum.reduceat(lengths, problem.first) == pytest.approx(1.0)
-        rows = problem.rows
-        theirs = natural_map(
-            np.diff(rows.indptr), rows.indptr[:-1].copy(), rows.indices, rows.data, rows.shape[1], problem.tree,
-            problem.first, problem.size, problem.kind, problem.bound, problem.compliance, problem.offset,
-            problem.exact, x,
-        )  # fmt: skip
+        fields = problem.fields
+        theirs = natural_map(*fields[:4], problem.rows.shape[1], *fields[4:], x)
         assert problem.natural_map(x) <= theirs + 1e-14
 
 
