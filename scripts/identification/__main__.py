@@ -1,13 +1,16 @@
 """Run the studies of identification, and write their tables into the README of `impactlaw.identification`."""
 
-import argparse
 from pathlib import Path
+from typing import Literal
+
+import tyro
 
 from scripts.identification.chains import chains_table, paths_table, study_chains
 from scripts.identification.drops import drops_table, measure
 from scripts.identification.energy import energy_table
 from scripts.identification.pictures import draw_paths
 
+Study = Literal["drops", "chains", "energy"]
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "impactlaw" / "identification" / "README.md"
 PICTURE = ROOT / ".pictures" / "hertz_chain.png"
@@ -22,25 +25,23 @@ def put(page: str, name: str, table: str) -> str:
     return head + begin + "\n" + table + "\n\n" + end + rest.partition(end)[2]
 
 
-def main() -> None:
-    """Run the studies named on the command line."""
-    parser = argparse.ArgumentParser(prog="python -m scripts.identification", description=__doc__)
-    parser.add_argument("what", nargs="*", default=["drops", "chains"], help="drops, chains, energy")
-    parser.add_argument("--every", type=int, default=1, help="take one of so many drops")
-    parser.add_argument("--count", type=int, default=100_000, help="random collisions per law (energy)")
-    arguments = parser.parse_args()
-    for what in arguments.what:
-        if what == "drops":
-            table = drops_table(measure(every=arguments.every))
-        elif what == "chains":
+def main(what: tyro.conf.Positional[tuple[Study, ...]] = ("drops", "chains"), count: int = 100_000) -> None:
+    """Run studies, and write their tables into the page.
+
+    Args:
+        what: the studies to run.
+        count: random collisions per law of the study "energy".
+    """
+    for study in what:
+        if study == "drops":
+            table = drops_table(measure())
+        elif study == "chains":
             table = chains_table(study_chains()) + "\n\n" + paths_table()
             draw_paths(PICTURE)
-        elif what == "energy":
-            table = energy_table(arguments.count)
         else:
-            parser.error(f"unknown {what!r}; known: drops, chains, energy")
-        PAGE.write_text(put(PAGE.read_text(encoding="utf-8"), what, table), encoding="utf-8")
+            table = energy_table(count)
+        PAGE.write_text(put(PAGE.read_text(encoding="utf-8"), study, table), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main, description=__doc__)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from impactlaw import Compliant
-from scripts.identification.chains import outcomes
+from scripts.identification.chains import EXPONENTS, outcomes, paths
 
 
 def draw_paths(path: Path) -> None:
@@ -25,10 +25,9 @@ def draw_paths(path: Path) -> None:
         point = (outcomes([Compliant([1.0, ratio])]) @ base)[0]
         axes.plot(*point, "s", color="C1", markersize=5)
         axes.annotate(f"{ratio:g}", point, fontsize=8, xytext=(6, 1), textcoords="offset points")
-    exponents = (1.0, 1.25, 1.5, 2.0, 3.0)
-    points = outcomes([Compliant(1.0, exponent=p) for p in exponents]) @ base
+    points = paths()["exponent"] @ base
     axes.plot(*points.T, "o", color="C0", markersize=4, label="exponent p, equal stiffness")
-    for p, point in zip(exponents, points, strict=True):
+    for p, point in zip(EXPONENTS, points, strict=True):
         axes.annotate(f"p = {p:g}", point, fontsize=7, color="C0", xytext=(-34, -9), textcoords="offset points")
     for name, corner, shift in (
         ("E = 0", (0.0, 0.0), (8, 6)),

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tyro
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
@@ -37,8 +38,7 @@ def test_tables_go_between_their_marks(tmp_path, monkeypatch):
     page = tmp_path / "README.md"
     page.write_text("before\n<!-- energy -->\nold\n<!-- end of energy -->\nafter\n")
     monkeypatch.setattr(study, "PAGE", page)
-    monkeypatch.setattr(sys, "argv", ["identification", "energy", "--count", "3"])
-    study.main()
+    tyro.cli(study.main, args=["energy", "--count", "3"])
     text = page.read_text()
     assert text.startswith("before\n<!-- energy -->\n\n| law |")
     assert text.endswith("\n\n<!-- end of energy -->\nafter\n")
