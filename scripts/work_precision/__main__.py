@@ -15,21 +15,21 @@ from tqdm import tqdm
 from scripts import machine
 
 from . import stepping
-from .orders import OrderStudy, time_stepping_orders
+from .orders import time_stepping_orders
 from .pictures import COMPACT, draw
 from .results import advantage, orders, where
-from .stepping import SteppingStudy
 
-QUICK_STEPPING = SteppingStudy(
-    scenes=("bouncing ball", "cradle, Moreau", "falling rod", "sliding block", "rod with friction", "quadruped"),
-    timesteps=(10**-1.5, 1e-2, 10**-2.5),
-    methods=(
+_QUICK_SCENES = "bouncing ball", "cradle, Moreau", "falling rod", "sliding block", "rod with friction", "quadruped"
+_QUICK_CELLS: dict[str, Any] = {
+    "scenes": _QUICK_SCENES,
+    "timesteps": (10**-1.5, 1e-2, 10**-2.5),
+    "methods": (
         *("event-driven RK4", "event-driven Euler", "time stepping", "soft layer RK4", "MuJoCo default RK4"),
         *("MuJoCo tuned 30 RK4", "MuJoCo tuned 100 Euler"),
     ),
-    finest=10**-3.5,
-)
-QUICK_ORDERS = OrderStudy(scenes=QUICK_STEPPING.scenes, groups=3, neighbours=4)
+    "finest": 10**-3.5,
+}
+_QUICK_ORDERS: dict[str, Any] = {"scenes": _QUICK_SCENES, "groups": 3, "neighbours": 4}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,8 +40,6 @@ class WorkPrecision:
     """Run few scenes and timesteps, in seconds instead of minutes."""
     out: Path = Path("out/work_precision")
     """Folder for tables and pictures."""
-    picture: Path | None = None
-    """Also draw the small picture of four scenes into this file."""
 
 
 def run(study: WorkPrecision) -> dict[str, pd.DataFrame]:
@@ -50,11 +48,10 @@ def run(study: WorkPrecision) -> dict[str, pd.DataFrame]:
     The tables are "stepping" (`stepping.run`), "orders" (`results.orders`), "time_stepping"
     (`orders.time_stepping_orders`) and "advantage" (`results.advantage`).
     """
-    of_stepping = QUICK_STEPPING if study.quick else SteppingStudy()
-    of_orders = QUICK_ORDERS if study.quick else OrderStudy()
-    cells, scenes = len(list(stepping.cells(of_stepping))), len(of_orders.scenes)
-    stepped = pd.DataFrame(tqdm(stepping.run(of_stepping), total=cells, unit="run", disable=None))
-    measured = pd.DataFrame(tqdm(time_stepping_orders(of_orders), total=scenes, unit="scene", disable=None))
+    cells = list(stepping.cells(**_QUICK_CELLS if study.quick else {}))
+    stepped = pd.DataFrame(tqdm(stepping.run(cells), total=len(cells), unit="run", disable=None))
+    of_orders = time_stepping_orders(**_QUICK_ORDERS if study.quick else {})
+    measured = pd.DataFrame(tqdm(of_orders, unit=" scenes", disable=None))
     return {
         "stepping": stepped, "orders": orders(stepped), "time_stepping": measured, "advantage": advantage(stepped),
     }  # fmt: skip
@@ -68,7 +65,7 @@ def write(tables: dict[str, pd.DataFrame], study: WorkPrecision) -> None:
     footer, stepped = machine.one_line(), tables["stepping"]
     (study.out / "machine.txt").write_text(footer + "\n")
     draw(stepped, study.out / "stepping.png", footer)
-    draw(where(stepped, stepped.scene.isin(COMPACT)), study.picture or study.out / "compact.png", footer)
+    draw(where(stepped, stepped.scene.isin(COMPACT)), study.out / "compact.png", footer)
 
 
 def show(tables: dict[str, pd.DataFrame]) -> str:

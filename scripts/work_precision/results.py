@@ -8,7 +8,6 @@ from .scenes import EXACT, SCENES
 from .stepping import LOCATED, TIME_STEPPING
 
 _FLOOR = 2e-11  # smaller errors come from the gap tolerance and from rounding
-_RUN_TIMES = (0.01, 0.1, 1.0)  # s, run times at which errors are compared
 _ROUNDING = 1e-12  # largest error of a method that counts as exact
 
 
@@ -61,16 +60,15 @@ def advantage(table: pd.DataFrame) -> pd.DataFrame:
 
     MuJoCo's error is the envelope over all of its contacts, tuned or not, with every integrator and timestep. Run times
     are those of the rigid runs, up to MuJoCo's longest run. Columns: run time (s), the two errors and the ratio where
-    the ratio is largest; the ratio at run times of 10, 100 and 1 000 ms, empty where one of the two has no such run;
-    the smallest ratio; and the run time up to which MuJoCo is more accurate, s, empty where it never is.
+    the ratio is largest; the smallest ratio; and the run time up to which MuJoCo is more accurate, s, empty where it
+    never is.
     """
     rows = []
     for scene in dict.fromkeys(table.scene):
         group = where(table, table.scene == scene)
         theirs = where(group, group.method.str.startswith("MuJoCo") & np.isfinite(group.error))
         for method in (LOCATED, TIME_STEPPING):
-            runs = where(group, group.method == method)
-            ours = envelope(runs)
+            ours = envelope(where(group, group.method == method))
             ours = where(ours, ours.seconds <= theirs.seconds.max())
             if len(ours) == 0 or len(theirs) == 0:
                 continue
@@ -79,17 +77,6 @@ def advantage(table: pd.DataFrame) -> pd.DataFrame:
             top, behind = int(np.argmax(ratio)), np.flatnonzero(ratio < 1)
             row = {"scene": scene, "method": method, "run time": ours.seconds.iloc[top]}
             row |= {"error": ours.error.iloc[top], "MuJoCo's best": least[top], "ratio": ratio[top]}
-            row |= {f"at {1e3 * at:g} ms": _ratio_at(runs, theirs, at) for at in _RUN_TIMES}
             nearer = ours.seconds.iloc[behind[-1]] if len(behind) else np.nan
             rows.append(row | {"smallest ratio": ratio.min(), "MuJoCo nearer up to": nearer})
     return pd.DataFrame(rows)
-
-
-def _ratio_at(ours: pd.DataFrame, theirs: pd.DataFrame, seconds: float) -> float:
-    """Return the ratio of errors at a run time; NaN where one of the two has no runs on both sides of it."""
-    for runs in (ours, theirs):
-        done = where(runs, np.isfinite(runs.error)).seconds
-        if not done.min() <= seconds <= done.max():
-            return np.nan
-    at = np.array([seconds])
-    return float(error_at(theirs, at)[0] / error_at(ours, at)[0])

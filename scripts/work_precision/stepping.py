@@ -1,6 +1,6 @@
 """Error of trajectories against run time, over timesteps, methods and scenes."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from operator import attrgetter
 
@@ -80,38 +80,34 @@ def _methods() -> Iterator[Method]:
 METHODS = {method.name: method for method in _methods()}
 
 
-@dataclass(frozen=True, kw_only=True)
-class SteppingStudy:
-    """Which scenes to step, and how finely.
+def cells(
+    *,
+    scenes: tuple[str, ...] = tuple(SCENES),
+    timesteps: tuple[float, ...] = tuple(10 ** (-1 - k / 2) for k in range(7)),
+    methods: tuple[str, ...] = tuple(METHODS),
+    finest: float = 0.0,
+) -> Iterator[tuple[Scene, Method, float]]:
+    """Yield every scene, method and timestep of the study.
 
-    Attributes:
+    Args:
         scenes: names from `SCENES`.
         timesteps: timesteps of every method, s.
         methods: names from `METHODS`.
         finest: MuJoCo's tuned contacts and time stepping get timesteps down to this one, or to the scene's smallest if
             that is larger, s. Time stepping gets none below 3e-5 s, where it already runs longer than all others.
     """
-
-    scenes: tuple[str, ...] = tuple(SCENES)
-    timesteps: tuple[float, ...] = tuple(10 ** (-1 - k / 2) for k in range(7))
-    methods: tuple[str, ...] = tuple(METHODS)
-    finest: float = 0.0
-
-
-def cells(study: SteppingStudy) -> Iterator[tuple[Scene, Method, float]]:
-    """Yield every scene, method and timestep of the study."""
-    for scene in (SCENES[name] for name in study.scenes):
-        for method in (METHODS[name] for name in study.methods):
-            yield from ((scene, method, timestep) for timestep in study.timesteps)
+    for scene in (SCENES[name] for name in scenes):
+        for method in (METHODS[name] for name in methods):
+            yield from ((scene, method, timestep) for timestep in timesteps)
             if method.family in _SMALLER:
-                timestep = study.timesteps[-1] / np.sqrt(10)
-                while timestep > 0.9 * max(scene.smallest, study.finest, _SMALLER[method.family]):
+                timestep = timesteps[-1] / np.sqrt(10)
+                while timestep > 0.9 * max(scene.smallest, finest, _SMALLER[method.family]):
                     yield scene, method, timestep
                     timestep /= np.sqrt(10)
 
 
-def run(study: SteppingStudy) -> Iterator[dict[str, object]]:
-    """Yield one row per scene, method and timestep.
+def run(cells: Iterable[tuple[Scene, Method, float]]) -> Iterator[dict[str, object]]:
+    """Yield one row per cell: scene, method and timestep.
 
     Columns: scene; method; family; timestep, s (rounded so that it divides the duration); steps; seconds, processor
     time of the whole simulation; error, the largest scaled distance of a state from the reference's graph in (t, q)
@@ -120,7 +116,7 @@ def run(study: SteppingStudy) -> Iterator[dict[str, object]]:
     """
     graphs: dict[str, tuple[Graphs, float]] = {}
     last = None
-    for scene, method, timestep in cells(study):
+    for scene, method, timestep in cells:
         if scene.name not in graphs:
             graphs[scene.name] = reference_graph(scene)
         of_scene, uncertainty = graphs[scene.name]
