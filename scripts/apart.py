@@ -13,12 +13,8 @@ from typing import Any, Self
 _START = 600.0  # s that importing everything, and compiling it the first time, may take on a busy machine
 
 
-class HangsError(Exception):
-    """A call took longer than its budget."""
-
-
-class CrashesError(Exception):
-    """A call ended its process."""
+class LostError(Exception):
+    """A call ended without a result; the arguments are "hangs" or "crashes", and the reason."""
 
 
 class Worker:
@@ -54,18 +50,17 @@ class Worker:
         """Run a function in the process, for at most ``budget`` seconds, and return its result.
 
         Raises:
-            HangsError: if it takes longer.
-            CrashesError: if the process ends.
+            LostError: if it takes longer, or the process ends.
         """
         pool = self.begin()
         try:
             return pool.submit(function, *arguments).result(budget)
         except TimeoutError:
             self._end()
-            raise HangsError(f"no result within {budget:g} s") from None
+            raise LostError("hangs", f"no result within {budget:g} s") from None
         except BrokenProcessPool:
             self._end()
-            raise CrashesError("the process ended") from None
+            raise LostError("crashes", "the process ended") from None
 
     def _end(self) -> None:
         if self._pool is not None:

@@ -49,8 +49,6 @@ class Study:
     """Largest wall time of a case under event-driven and soft stepping, s."""
     longest: float = 300.0
     """Largest wall time of a case under time stepping and MuJoCo, s."""
-    seed: int = 0
-    """Seed of random controls."""
 
     def quickly(self) -> Study:
         """Return a copy with few scenes and short cases, which takes less than two minutes."""
@@ -81,7 +79,7 @@ def plan(study: Study) -> list[Case]:
             seconds = study.longest if way in ("mujoco", "time-stepping") else study.seconds
             for e in study.restitution if way != "mujoco" else (0.0,):
                 for start in study.starts:
-                    cases.append(Case(scene, way, e, start, study.steps, seconds, study.seed))
+                    cases.append(Case(scene, way, e, start, study.steps, seconds))
     return cases
 
 

@@ -6,7 +6,6 @@ repeated by the scheme in Python, from the same state and memory. Differences ar
 
 import time
 import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,6 +27,7 @@ from .starts import HELD, controls, start
 CLOSE = 1e-10
 """Largest difference that counts as rounding."""
 
+_LAW = Moreau(0.5)
 DERIVED = ("qpos", "qvel", "qacc", "sensordata", "qfrc_constraint", "act", "xpos", "cvel", "qacc_warmstart")
 
 
@@ -77,21 +77,19 @@ class Agreement:
     only: tuple[str, ...] = ()
     """Names of scenes, or parts of names; all scenes if not given."""
     states: int = 1000
-    """Number of states per scene and law."""
-    restitution: tuple[float, ...] = (0.5,)
-    """Coefficients of Moreau's law."""
+    """Number of states per scene."""
     longest: float = 60.0
     """Largest wall time of a scene, s; its row says if it ran out of time."""
 
 
-def compare(scene: scenes.Scene, e: float, study: Agreement) -> dict[str, Any]:
+def compare(scene: scenes.Scene, study: Agreement) -> dict[str, Any]:
     """Return a row: number of states compared, number of states that differ, largest difference, and why it stopped."""
-    row: dict[str, Any] = {"scene": scene.name, "e": e, "states": 0, "differ": 0, "largest": 0.0, "outcome": "fine"}
+    row: dict[str, Any] = {"scene": scene.name, "states": 0, "differ": 0, "largest": 0.0, "outcome": "fine"}
     try:
         loaded = scenes.load(scene)
         model, one = loaded.model, start(loaded, scene.raised)
-        ours = compiled_stepper(model, Moreau(e), on_inadmissible="project")
-        python = Stepper(model, Moreau(e), scheme="time-stepping", on_inadmissible="project", compiled="never")
+        ours = compiled_stepper(model, _LAW, on_inadmissible="project")
+        python = Stepper(model, _LAW, scheme="time-stepping", on_inadmissible="project", compiled="never")
         other, begun, found = mujoco.MjData(model), time.perf_counter(), []
         given = controls(model, "random", one.ctrl.copy(), study.states // HELD + 1, 0)
         for step in range(study.states):
@@ -109,18 +107,11 @@ def compare(scene: scenes.Scene, e: float, study: Agreement) -> dict[str, Any]:
     return row
 
 
-def rows(study: Agreement) -> Iterator[dict[str, Any]]:
-    """Yield one row per scene and coefficient."""
-    for scene in scenes.chosen(scenes.catalogue(), study.only):
-        for e in study.restitution:
-            yield compare(scene, e, study)
-
-
 def main() -> None:
     """Compare the scenes of the command line, and print the table."""
     warnings.simplefilter("ignore")
     study = tyro.cli(Agreement, description=__doc__)
-    found = list(tqdm(rows(study), disable=None))
+    found = [compare(scene, study) for scene in tqdm(scenes.chosen(scenes.catalogue(), study.only), disable=None)]
     table = pd.DataFrame(found)
     with pd.option_context("display.width", 160, "display.max_rows", None):
         print(table.to_string(index=False, float_format=lambda x: f"{x:.1e}"))

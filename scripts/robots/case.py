@@ -35,7 +35,6 @@ class Case:
         start: "drop" or "random" controls.
         steps: number of steps to take.
         seconds: wall time after which no new step is started, s.
-        seed: seed of random controls.
     """
 
     scene: Scene
@@ -44,7 +43,6 @@ class Case:
     start: starts.Start
     steps: int
     seconds: float
-    seed: int = 0
 
     def row(self) -> Row:
         """Return the columns that identify the case."""
@@ -81,7 +79,7 @@ def _step(case: Case, model: mujoco.MjModel, data: mujoco.MjData, ours: Stepper 
     """Take all steps, alternating blocks of MuJoCo and of ours, so that caches stay warm; return the outcome."""
     bare, since = copy.copy(data), time.perf_counter()
     step = partial(mujoco.mj_step, model) if ours is None else ours.step
-    controls = starts.controls(model, case.start, data.ctrl.copy(), -(-case.steps // starts.HELD), case.seed)
+    controls = starts.controls(model, case.start, data.ctrl.copy(), -(-case.steps // starts.HELD), 0)
     for block, ctrl in enumerate(controls):
         first = block * starts.HELD
         numbers = range(first, min(first + starts.HELD, case.steps))

@@ -4,7 +4,7 @@ import os
 
 import mujoco
 
-from scripts.apart import CrashesError, HangsError, Worker
+from scripts.apart import LostError, Worker
 
 from .case import Case, Row, described, run
 
@@ -17,8 +17,8 @@ def apart(case: Case) -> Row:
     with Worker(_silence) as worker:
         try:
             return worker.call(_measured, case, budget=case.seconds + LOADING)
-        except (HangsError, CrashesError) as error:
-            return case.row() | {"outcome": f"{'hangs' if isinstance(error, HangsError) else 'crashes'}: {error}"}
+        except LostError as error:
+            return case.row() | {"outcome": ": ".join(error.args)}
 
 
 def _silence() -> None:

@@ -103,7 +103,7 @@ def of_files(paths: tuple[Path, ...]) -> list[Scene]:
     found = []
     for path in paths:
         if not path.exists():
-            raise FileNotFoundError(path)
+            raise SystemExit(f"there is no file or folder {path}")
         files = sorted(path.rglob("*.xml")) if path.is_dir() else [path]
         here = path if path.is_dir() else path.parent.parent
         found += [Scene(str(file.relative_to(here)), "file", str(file.resolve())) for file in files]
@@ -117,7 +117,10 @@ def chosen(scenes: list[Scene], only: tuple[str, ...]) -> list[Scene]:
     picked = []
     for word in only:
         exact = [scene for scene in scenes if scene.name == word]
-        picked += exact or [scene for scene in scenes if word.lower() in scene.name.lower()]
+        found = exact or [scene for scene in scenes if word.lower() in scene.name.lower()]
+        if not found:
+            raise SystemExit(f"no scene matches {word!r}; known: {', '.join(scene.name for scene in scenes)}")
+        picked += found
     return list(dict.fromkeys(picked))
 
 

@@ -34,14 +34,10 @@ class Stability:
 
 
 def select(study: Stability) -> list[Case]:
-    """Return the cases that the study names.
-
-    Raises:
-        ValueError: if a pattern matches no case.
-    """
+    """Return the cases that the study names; a pattern that matches no case ends the program."""
     for pattern in study.cases:
         if not any(fnmatch(name, pattern) for name in CASES):
-            raise ValueError(f"no case matches {pattern!r}; known: {', '.join(CASES)}")
+            raise SystemExit(f"no case matches {pattern!r}; known: {', '.join(CASES)}")
     return [case for name, case in CASES.items() if any(fnmatch(name, pattern) for pattern in study.cases)]
 
 
@@ -77,7 +73,7 @@ def run_case(case: Case, quick: bool, worker: Worker) -> list[dict[str, object]]
 def format_table(table: pd.DataFrame) -> str:
     """Return one line per case with its verdicts and worst numbers, then the unexpected verdicts, then the refusals."""
     cases = [
-        {"case": name, "verdicts": ", ".join(f"{count} {verdict}" for verdict, count in _counted(rows.verdict))}
+        {"case": name, "verdicts": _counted(rows.verdict)}
         | {column: rows[column].max() for column in (*MEASURED, "seconds", "note")}
         for name, rows in table.groupby("case", sort=False)
     ]
@@ -93,8 +89,8 @@ def format_table(table: pd.DataFrame) -> str:
     return "\n".join(lines)
 
 
-def _counted(found: pd.Series) -> list[tuple[str, int]]:
-    return [(str(verdict), int(count)) for verdict, count in found.value_counts().items()]
+def _counted(found: pd.Series) -> str:
+    return ", ".join(f"{count} {verdict}" for verdict, count in found.value_counts().items())
 
 
 def main(study: Stability, out: Path = Path("out/stability")) -> None:
@@ -104,20 +100,17 @@ def main(study: Stability, out: Path = Path("out/stability")) -> None:
         study: what to run.
         out: folder for stability.csv.
     """
-    try:
-        chosen = select(study)
-    except ValueError as error:
-        sys.exit(str(error))
-    table = run(chosen, study.quick)
+    table = run(select(study), study.quick)
     out.mkdir(parents=True, exist_ok=True)
     table.to_csv(out / "stability.csv", index=False)
     print(format_table(table))
-    unexpected = table[~table.as_expected]
-    counts = ", ".join(f"{count} {verdict}" for verdict, count in _counted(table.verdict))
-    print(f"\n{len(table)} rows of {table.case.nunique()} cases: {counts}; {len(unexpected)} not as expected")
+    unexpected = int((~table.as_expected).sum())
+    print(
+        f"\n{len(table)} rows of {table.case.nunique()} cases: {_counted(table.verdict)}; {unexpected} not as expected"
+    )
     print(f"every row: {out / 'stability.csv'}; {machine.one_line()}")
     (out / "machine.txt").write_text(machine.one_line() + "\n")
-    sys.exit(1 if len(unexpected) else 0)
+    sys.exit(1 if unexpected else 0)
 
 
 if __name__ == "__main__":

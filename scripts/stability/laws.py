@@ -15,6 +15,7 @@ from impactlaw.solvers import SOLVERS
 
 from .certificate import certify
 from .verdicts import EITHER, REFUSED, Case, Expected, Measurement, WrongRefusalError
+from .watch import coefficient
 
 Numbers = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Mass matrix, gap gradients and velocity before the collision."""
@@ -23,8 +24,6 @@ ALMOST_ONE = 1.0 - 1e-16
 BASIC = ("maximal-dissipation", "moreau 0.5", "moreau 1", "moreau 1 - 1e-16", "newton 0 .. 1")
 CHAIN = (*BASIC, "reversal 1")
 EVERY = (*SOLVERS, "auto")
-_COMMON = {"maximal-dissipation": 0.0, "moreau 0.5": 0.5, "moreau 1": 1.0, "moreau 1 - 1e-16": ALMOST_ONE}
-"""Restitution of the laws with one coefficient for all contacts."""
 
 
 def law_of(name: str, h: int) -> Law:
@@ -33,11 +32,14 @@ def law_of(name: str, h: int) -> Law:
         return Fremond.reversal()
     if name == "maximal-dissipation":
         return MaximalDissipation()
-    return Newton(_coefficients(name, h).tolist()) if name == "newton 0 .. 1" else Moreau(_COMMON[name])
+    e = _coefficients(name, h)
+    return Newton(e.tolist()) if name == "newton 0 .. 1" else Moreau(float(e[0]))
 
 
 def _coefficients(name: str, h: int) -> np.ndarray:
-    return np.resize([0.0, 1.0, ALMOST_ONE, 0.3, 0.7], h) if name == "newton 0 .. 1" else np.full(h, _COMMON[name])
+    if name == "newton 0 .. 1":
+        return np.resize([0.0, 1.0, ALMOST_ONE, 0.3, 0.7], h)
+    return np.full(h, ALMOST_ONE if name == "moreau 1 - 1e-16" else coefficient(name))
 
 
 def _wanted(name: str, gamma: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ A verdict never uses the package's report on its own result, but `scripts.stabil
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatch
 
 import numpy as np
@@ -41,15 +41,8 @@ class Measurement:
     note: str = ""
 
 
-@dataclass(frozen=True)
-class Limits:
-    """The largest measurements of a right result, in the units of `Measurement`."""
-
-    residual: float = 1e-9
-    energy: float = 1e-9
-    penetration: float = 1e-9
-    deviation: float = 1e-9
-    first_order: float = 1e-3
+LIMITS = Measurement(residual=1e-9, energy=1e-9, penetration=1e-9, deviation=1e-9, first_order=1e-3)
+"""The largest measurements of a right result."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +93,7 @@ class Case:
     laws: tuple[str, ...]
     solvers: tuple[str, ...] = ("auto",)
     expected: tuple[Expected, ...] = ()
-    limits: Limits = Limits()
+    limits: Measurement = LIMITS
     budget: float = 120.0
 
     def expects(self, law: str, solver: str) -> Expected:
@@ -119,19 +112,19 @@ def stepped(
     budget: float = 300.0,
     **limits: float,
 ) -> Case:
-    """Return a case that steps a scene; limits other than the default ones are given by the names of `Limits`."""
+    """Return a case that steps a scene; limits other than the default ones are given by name."""
 
     def run(law: str, solver: str, quick: bool) -> Measurement:
         return measure(law, quick)
 
-    return Case(name, "stepping", run, laws, expected=expected, limits=Limits(**limits), budget=budget)
+    return Case(name, "stepping", run, laws, expected=expected, limits=replace(LIMITS, **limits), budget=budget)
 
 
 class WrongRefusalError(Exception):
     """The package refuses with an invalid proof."""
 
 
-def verdict(measurement: Measurement, limits: Limits) -> tuple[str, str]:
+def verdict(measurement: Measurement, limits: Measurement) -> tuple[str, str]:
     """Return the verdict on a measurement, and which values exceed their limits."""
     pairs = [(name, getattr(measurement, name), getattr(limits, name)) for name in MEASURED]
     broken = [name for name, value, _ in pairs if not np.isfinite(value)]

@@ -23,10 +23,9 @@ class Worker(apart.Worker):
         """Return the result of a row, given by names, that may take ``budget`` seconds; quick: see `Stability`."""
         try:
             return self.call(_measured, case, law, solver, quick, budget=budget)
-        except apart.HangsError as error:
-            return HANGS, str(error), None
-        except apart.CrashesError as error:
-            return CRASHES, str(error), None
+        except apart.LostError as error:
+            how, why = error.args
+            return HANGS if how == "hangs" else CRASHES, why, None
 
 
 def _prepare() -> None:

