@@ -1,6 +1,5 @@
 """Steps a scene and measures it by means of MuJoCo and of the study, not of the package."""
 
-import copy
 import time
 from typing import Any, Literal
 
@@ -8,6 +7,8 @@ import mujoco
 import numpy as np
 
 from impactlaw import FrictionImpact, ImpactEvent, Law, MaximalDissipation, Moreau, Newton, Stepper
+from scripts.robots.watch import Seen
+from scripts.robots.watch import Watch as States
 
 from .certificate import Sliding, certify
 from .verdicts import Measurement
@@ -72,14 +73,11 @@ class Watch:
         options: dict[str, Any] = {"gap_tolerance": gap_tolerance} if contact_model == "rigid" else {}
         self._stepper = Stepper(model, law_of(law), contact_model=contact_model, max_events=MOST, **options)
         self._every, self._size = every, size
-        self._own = copy.copy(model)
-        self._own.opt.ccd_tolerance, self._own.opt.ccd_iterations = 1e-12, 100
-        self._own.geom_margin[:] = self._own.geom_gap[:] = 0.0
-        self._scratch = mujoco.MjData(self._own)
+        self._states = States(model, tolerance=1e-12)
         self.residual = self.penetration = self.deviation = self.first_order = self.gain = self.slowest = 0.0
         self.steps = self.collisions = self.scaled = 0
         self._fastest = 0.0
-        self._lowest: float | None = None
+        self._lowest = np.inf
 
     @property
     def events(self) -> tuple[ImpactEvent, ...]:
@@ -93,7 +91,7 @@ class Watch:
 
     def step(self, steps: int = 1) -> None:
         """Advance and measure."""
-        if self._lowest is None:
+        if self.steps == 0:
             self._look()
         for _ in range(steps):
             located, begun = self.unlocated, time.perf_counter()
@@ -109,22 +107,15 @@ class Watch:
             worst = [error for error, _ in errors]
             self.residual, self.penetration = float(np.max([self.residual, *worst])), max(self.penetration, depth)
 
-    def energy(self) -> tuple[float, float]:
-        """Return the potential and the kinetic energy of the current state, J."""
-        own, scratch = self._own, self._scratch
-        scratch.qpos[:], scratch.qvel[:] = self.data.qpos, self.data.qvel
-        scratch.mocap_pos[:], scratch.mocap_quat[:] = self.data.mocap_pos, self.data.mocap_quat
-        mujoco.mj_fwdPosition(own, scratch)
-        mujoco.mj_fwdVelocity(own, scratch)
-        mujoco.mj_energyPos(own, scratch)
-        mujoco.mj_energyVel(own, scratch)
-        return float(scratch.energy[0]), float(scratch.energy[1])
+    def seen(self) -> Seen:
+        """Return depth and energy of the current state, by MuJoCo's own detection on a copy of the scene."""
+        return self._states.look(self.data, self.data.qpos, self.data.qvel)
 
     def equality_error(self) -> float:
-        """Return the largest violation of an equality constraint in the state that `energy` saw last, m or rad."""
-        scratch = self._scratch
-        rows = scratch.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
-        return float(np.abs(scratch.efc_pos[rows]).max(initial=0.0))
+        """Return the largest violation of an equality constraint in the state that was seen last, m or rad."""
+        own = self._states.data
+        rows = own.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
+        return float(np.abs(own.efc_pos[rows]).max(initial=0.0))
 
     def deviates(self, distance: float) -> None:
         """Keep the largest distance from the closed form; NaN is kept, too."""
@@ -151,10 +142,10 @@ class Watch:
 
     def _look(self) -> float:
         """Keep the largest gain of energy, and return the depth of the deepest overlap of geoms, m."""
-        energy = sum(self.energy())
-        self._lowest = energy if self._lowest is None else min(self._lowest, energy)
-        self.gain = float(np.maximum(self.gain, energy - self._lowest))
-        return -float(np.min(self._scratch.contact.dist, initial=0.0))
+        seen = self.seen()
+        self._lowest = min(self._lowest, seen.energy)
+        self.gain = float(np.maximum(self.gain, seen.energy - self._lowest))
+        return seen.depth
 
     def _certify(self, event: ImpactEvent, *, final: bool) -> tuple[float, float]:
         """Count a collision, and return its largest error and the speed of its fastest contact, m/s."""
