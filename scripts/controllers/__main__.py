@@ -7,6 +7,7 @@ same episodes (seeds) are played under every law, so that only the law differs.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import gymnasium
 import numpy as np
@@ -17,8 +18,9 @@ from tqdm import tqdm
 import impactlaw.envs  # noqa: F401  (registers the environments)
 from impactlaw.studies.policies.controllers import CONTROLLERS, Controller
 
+Name = Literal["NewtonsCradle-v0", "Juggler-v0", "Billiards-v0", "RockingBlock-v0"]
 _INELASTIC = "maximal-dissipation", None
-LAWS: dict[str, tuple[tuple[str, float | None], ...]] = {
+LAWS: dict[Name, tuple[tuple[str, float | None], ...]] = {
     "NewtonsCradle-v0": (("reversal", 1.0), ("reversal", 0.8), ("moreau", 1.0), ("moreau", 0.5), _INELASTIC),
     "Juggler-v0": (("newton", 0.8), ("newton", 1.0), ("newton", 0.9), ("newton", 0.5), _INELASTIC),
     "Billiards-v0": (("moreau", 0.95), ("moreau", 0.8), ("moreau", 0.5), _INELASTIC, ("reversal", 0.95)),
@@ -33,9 +35,7 @@ class Study:
 
     episodes: int = 10
     """Episodes per environment and law."""
-    seed: int = 0
-    """Seed of the first episode; the others count up."""
-    environments: tuple[str, ...] = tuple(LAWS)
+    environments: tuple[Name, ...] = get_args(Name)
     """Environments to play."""
 
 
@@ -47,7 +47,7 @@ def run(study: Study) -> Iterator[dict[str, object]]:
     """
     for name in study.environments:
         for i, (law, restitution) in enumerate(LAWS[name]):
-            returns = [play(name, law, restitution, study.seed + episode) for episode in range(study.episodes)]
+            returns = [play(name, law, restitution, seed) for seed in range(study.episodes)]
             threshold = gymnasium.spec(f"impactlaw/{name}").reward_threshold
             assert threshold is not None
             score = float(np.mean(returns))

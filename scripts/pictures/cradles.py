@@ -1,6 +1,5 @@
 """Newton's cradle under two laws and under MuJoCo's contacts, side by side: ``python -m scripts.pictures.cradles``."""
 
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -17,16 +16,7 @@ _LIFTED = 0.7  # rad, angle of the first ball at the start
 _COLORS = ("#c0392b", "#aeb6bf", "#aeb6bf", "#aeb6bf", "#aeb6bf")
 
 
-@dataclass(frozen=True)
-class Cradles:
-    """Animate the cradle under the reversal law, under Moreau's law and under MuJoCo's own contacts."""
-
-    out: Path = Path("out/cradles.gif")
-    """File of the animation."""
-    seconds: float = 4.0
-    """Duration of the motion: about two periods of the pendulums."""
-    frames_per_second: int = 15
-    """Frames per second of the animation, which runs in real time."""
+_SECONDS, _FRAMES = 4.0, 15  # duration of the motion, about two periods; frames per second, in real time
 
 
 def swings(law: Law | None, times: np.ndarray) -> np.ndarray:
@@ -42,14 +32,18 @@ def swings(law: Law | None, times: np.ndarray) -> np.ndarray:
     return np.array(angles)
 
 
-def main(options: Cradles) -> None:
-    """Simulate, draw and write."""
+def main(out: Path = Path("out/cradles.gif")) -> None:
+    """Animate the cradle under the reversal law, under Moreau's law and under MuJoCo's own contacts.
+
+    Args:
+        out: file of the animation.
+    """
     mpl.use("Agg")
     from matplotlib import pyplot as plt
     from matplotlib.animation import FuncAnimation, PillowWriter
     from matplotlib.patches import Circle
 
-    times = np.arange(0.0, options.seconds, 1.0 / options.frames_per_second)
+    times = np.arange(0.0, _SECONDS, 1.0 / _FRAMES)
     runs = {
         "reversal law": swings(Fremond.reversal(), times),
         "Moreau's law, e = 1": swings(Moreau(1.0), times),
@@ -76,11 +70,11 @@ def main(options: Cradles) -> None:
                 string.set_data([rest[i], x[i]], [_RAIL, z[i]])
                 ball.center = x[i], z[i]
 
-    options.out.parent.mkdir(parents=True, exist_ok=True)
+    out.parent.mkdir(parents=True, exist_ok=True)
     animation = FuncAnimation(figure, draw, frames=len(times), init_func=lambda: None)
-    animation.save(options.out, writer=PillowWriter(fps=options.frames_per_second))
-    print(f"{options.out}: {options.out.stat().st_size / 1e6:.2f} MB, {len(times)} frames")
+    animation.save(out, writer=PillowWriter(fps=_FRAMES))
+    print(f"{out}: {out.stat().st_size / 1e6:.2f} MB, {len(times)} frames")
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Cradles))
+    tyro.cli(main)
