@@ -26,7 +26,7 @@ _COMPARED = {
     "to_euler": ("euler", 0.4),
     "soft_to_shipped": ("soft steps, shipped", 0.9),
 }
-_SMALL = ("cradle 5", "cradle 5, Euler", "box_drop", "box_drop, Euler", "box at rest", "box at rest, Euler")
+_SMALL = ("cradle 5", "box_drop", "box at rest")
 
 
 Table = Any

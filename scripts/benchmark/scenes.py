@@ -1,7 +1,7 @@
 """The scenes whose steps are timed: models, starts, laws and controls."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Literal
 
@@ -68,17 +68,14 @@ def builders(sizes: tuple[int, ...], environments: tuple[str, ...], *, full: boo
     Args:
         sizes: numbers of balls of the cradles.
         environments: ids of gymnasium's environments.
-        full: whether to include every scene of models/, and cradle and box with Euler as well.
+        full: whether to include every scene of models/.
     """
-    box = partial(_own, "box_drop", name="box at rest", resting=True)
     found: dict[str, Callable[[], Scene]] = {f"cradle {n}": partial(_cradle, n) for n in sizes}
-    found |= {"box at rest": box, "64 coplanar": _coplanar}
+    found["box at rest"] = partial(_own, "box_drop", name="box at rest", resting=True)
+    found["64 coplanar"] = _coplanar
     found |= {name: partial(_own, name) for name in (scene_names() if full else ("box_drop", "billiard_rack"))}
     if full:
         found["ball stack at rest"] = partial(_own, "ball_stack", name="ball stack at rest", resting=True)
-        found["cradle 5, Euler"] = lambda: _with_euler(_cradle(5))
-        found["box_drop, Euler"] = lambda: _with_euler(_own("box_drop"))
-        found["box at rest, Euler"] = lambda: _with_euler(box())
     return found | {name: partial(_environment, name) for name in environments}
 
 
@@ -88,12 +85,6 @@ def _own(scene: str, *, name: str = "", resting: bool = False) -> Scene:
     settle = round(2.0 / model.opt.timestep) if resting else 0
     law = Fremond.reversal() if scene == "newtons_cradle" else scene_law(model)
     return Scene(name=name or scene, model=model, law=law, starts=(start,), settle=settle)
-
-
-def _with_euler(scene: Scene) -> Scene:
-    scene = replace(scene, name=f"{scene.name}, Euler")
-    scene.model.opt.integrator = int(mujoco.mjtIntegrator.mjINT_EULER)
-    return scene
 
 
 def _cradle(n: int) -> Scene:

@@ -75,7 +75,7 @@ def run(
     Args:
         cradles: numbers of balls of the cradles.
         environments: ids of gymnasium's MuJoCo environments; rigid stepping ignores their friction.
-        full: whether to include every scene of models/, and cradle and box with Euler as well.
+        full: whether to include every scene of models/.
         seconds: time per scene.
     """
     for build in builders(cradles, environments, full=full).values():

