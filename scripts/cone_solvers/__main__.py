@@ -21,10 +21,10 @@ from scripts import machine
 from scripts.robots.scenes import Scene, chosen
 
 from .catalogue import QUICK, catalogue
-from .problem import Problem
 
-if TYPE_CHECKING:
-    from .solvers import Solver  # its import compiles code; `--help` should not wait for that
+if TYPE_CHECKING:  # their imports load and compile code; `--help` should not wait for that
+    from .problem import Problem
+    from .solvers import Solver
 
 
 @dataclass(frozen=True, kw_only=True)
