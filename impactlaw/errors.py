@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Sequence
+from importlib.util import find_spec
 
 import numpy as np
 
@@ -119,10 +120,17 @@ class StudyError(ImpactLawError, ValueError):
 
 
 class MissingExtraError(ImpactLawError, ImportError):
-    """An optional package is needed, but is not installed."""
+    """A package that only some commands need is not installed."""
 
-    def __init__(self, what: str, package: str, extra: str):
-        super().__init__(f"{what} needs {package}, which is not installed: pip install 'impactlaw[{extra}]'")
+    def __init__(self, what: str, package: str, extra: str | None = None):
+        install = package if extra is None else f"'impactlaw[{extra}]'"
+        super().__init__(f"{what} needs {package}, which is not installed: pip install {install}")
+
+
+def needs_matplotlib(what: str) -> None:
+    """Raise `MissingExtraError` if matplotlib is not installed; `what` would need it after much other work."""
+    if find_spec("matplotlib") is None:
+        raise MissingExtraError(what, "matplotlib")
 
 
 class UncompilableError(ImpactLawError, ImportError):

@@ -1,5 +1,6 @@
 """The command line: one clear line and exit code 2 for wrong input, and no incomplete output."""
 
+import importlib.util
 import signal
 import subprocess
 import sys
@@ -23,6 +24,22 @@ def test_the_installed_command_runs(tmp_path):
     command = [sys.executable, "-m", "impactlaw.cli", "compare", "wedge", "--restitution", "2"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=600, check=False)
     assert (done.returncode, done.stderr) == (2, "impactlaw: restitution must lie in [0, 1], got 2.0\n")
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        (("compare", "newtons_cradle"), "a comparison"),
+        (("identify", "run.rrd"), "a fit"),
+        (("study", "--quick"), "a study"),
+    ],
+)
+def test_without_matplotlib_commands_that_draw_say_so_before_they_begin(words, what, run, tmp_path, monkeypatch):
+    find = importlib.util.find_spec
+    monkeypatch.setattr("impactlaw.errors.find_spec", lambda name: None if name == "matplotlib" else find(name))
+    told = f"impactlaw: the picture of {what} needs matplotlib, which is not installed: pip install matplotlib\n"
+    assert run(*words) == (2, "", told)
+    assert not list(tmp_path.iterdir())
 
 
 def test_output_that_nobody_reads_to_its_end_is_no_error():
