@@ -56,7 +56,7 @@ class Outcome(NamedTuple):
 
 @plain
 def near(w, jacobian, one, other, reach, found):
-    """Write which rows begin a contact or limit that is closed or would soon be, (nefc,); see `rows.near_rows`."""
+    """Write which rows begin a contact or limit that is closed or would soon be, (nefc,); see `rows.find_near`."""
     n = number(w, DATA.nefc)
     if surfaces_move(w):  # surfaces come near to bodies that do not move
         found[:] = True
@@ -83,7 +83,7 @@ def count_entries(w, jacobian, mark):
 
 @plain
 def read(w, jacobian, metric, velocity, start, free, chosen, frictional, mark, room, rows):
-    """Write the rows of the chosen groups; see `rows.read_rows`.
+    """Write the rows of the chosen groups; see `reader.read_rows`.
 
     Args:
         w: the world with current contacts.
