@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.errors import SceneError
-from impactlaw.scene.tolerances import ON_AXIS
+from impactlaw.scene.tolerances import NO_LEVER, ON_AXIS, SHORT
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -257,22 +257,29 @@ def forget_rows(data: mujoco.MjData) -> None:
 def gap_gradients(model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts) -> np.ndarray:
     """Return ``J``, shape (h, nv): rows give the velocity of the second body relative to the first, along the normal.
 
-    A row that is only rounding is set to 0, as where the normal meets the axis of the only joint; it would allow huge
-    impulses otherwise.
+    A row that is only rounding is set to 0, as where the normal meets the axes of all joints between the bodies; it
+    would allow huge impulses otherwise.
     """
     J = np.zeros((len(contacts), model.nv))
     point = np.zeros((3, model.nv))
     weld = model.body_weldid
     for row, geoms, position, normal in zip(J, contacts.geoms, contacts.position, contacts.normal, strict=True):
-        bodies = model.geom_bodyid[geoms]
+        bodies, relative = model.geom_bodyid[geoms], np.zeros((3, model.nv))
         for sign, body in zip((-1.0, 1.0), bodies, strict=True):
             if weld[body] != 0:
                 mujoco.mj_jac(model, data, point, None, position, body)
-                row += sign * (normal @ point)
+                relative += sign * point
+        row[:] = normal @ relative
         lengths = max(np.abs(position).max(), np.abs(data.xpos[bodies]).max())
-        if np.abs(row).max(initial=0.0) <= ON_AXIS * lengths:
+        rounding = max(ON_AXIS * lengths, NO_LEVER * np.abs(relative).max(initial=0.0))
+        if np.abs(row).max(initial=0.0) <= rounding:
             row[:] = 0.0
     return J
+
+
+def some_short(J: np.ndarray) -> bool:
+    """Return whether a row of J may be only rounding, see `gap_gradients`."""
+    return bool(np.vecdot(J, J).min(initial=1.0) <= SHORT**2)
 
 
 def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:

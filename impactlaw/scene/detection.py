@@ -15,6 +15,7 @@ from impactlaw.scene.contacts import (
     gap_gradients,
     geom_names,
     make_rows,
+    some_short,
     standing_cylinders,
 )
 from impactlaw.scene.equality_constraints import bilateral_constraints, bilateral_rows, stiffness
@@ -109,7 +110,7 @@ class Detector:
             if data.nl:
                 limits = self.limits.read(data)
             forget_rows(data)
-        if pattern.several or J is None:
+        if pattern.several or J is None or some_short(J):
             J = gap_gradients(self._model, data, contacts)
         elif pattern.order is not None:
             J = J[pattern.order]

@@ -9,6 +9,8 @@ the gap tolerance, and its direction is lost. Such geoms may start at any distan
 CCD_TOLERANCE = 1e-12  # m, of this collider: MuJoCo's default of 1e-6 makes gaps noisier than the gap tolerance
 PARALLEL = 0.99  # cosine of the angle up to which MuJoCo treats two faces as parallel
 ON_AXIS = 4e-15  # lever arm, relative to distances from the origin, that is rounding: the normal meets the axis
+NO_LEVER = 1e-10  # the same, relative to the longest lever arm of the contact point in any direction
+SHORT = 1e-8  # length of a gap gradient, m or without unit, up to which it may be rounding
 ORTHOGONAL = 1e-12  # scalar product of unit vectors up to which they are orthogonal
 UPRIGHT = 1e-10  # sine of the tilt up to which a cylinder on a plane has an axis along the normal
 STANDS = 1.0 - 1e-6  # cosine of the tilt up to which its distance is measured again; MuJoCo measures larger tilts well

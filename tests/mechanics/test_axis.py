@@ -62,3 +62,44 @@ def test_an_arm_that_falls_flat_bounces(way):
         stepper.step(data)
     assert data.qvel[0] == pytest.approx(-1.0, abs=0.3)
     assert stepper.short_steps == 0
+
+
+HIP = """<body name="torso"><freejoint/><geom name="waist" {waist} mass="3"/>
+  <body pos="0 .105 -.04"><joint axis="0 0 1"/><geom size=".02" mass=".3" contype="0" conaffinity="0"/>
+    <body><joint axis="1 0 0"/><geom size=".02" mass=".3" contype="0" conaffinity="0"/>
+      <body name="thigh"><joint axis="0 1 0"/><geom name="thigh" type="capsule" fromto="0 0 0 0 0 -.35" size=".05"/>
+  </body></body></body></body><geom name="floor" type="plane" size="9 9 1"/>"""
+WAISTS = 'size=".08"', 'type="box" size=".08 .08 .04"', 'type="cylinder" size=".08 .04"'
+APART = '<contact><exclude body1="torso" body2="thigh"/></contact>'
+
+
+def landing(model, seed):
+    """Return a random pose in which the lower one of waist and thigh has just touched the floor, at 2 m/s."""
+    rng, data = np.random.default_rng(seed), mujoco.MjData(model)
+    data.qpos[3:7] = rng.normal(size=4)
+    mujoco.mj_normalizeQuat(model, data.qpos)
+    data.qpos[:2], data.qpos[2], data.qpos[7:] = rng.uniform(-0.3, 0.3, 2), 1.0, rng.uniform(-0.4, 0.4, 3)
+    mujoco.mj_kinematics(model, data)
+    floor, names = model.geom("floor").id, ("waist", "thigh")
+    data.qpos[2] -= min(mujoco.mj_geomDistance(model, data, floor, model.geom(name).id, 9.0, None) for name in names)
+    data.qpos[2] -= 1e-6
+    data.qvel[:] = 0.5 * rng.normal(size=model.nv)
+    data.qvel[2] = -2.0
+    return data
+
+
+@pytest.mark.parametrize("law", [Moreau(0.5), Coulomb(Moreau(0.5))])
+@pytest.mark.parametrize("waist", WAISTS)
+def test_geoms_that_overlap_where_all_joints_between_them_meet_do_nothing(waist, law):
+    """The axes of a hip meet in the center of an end of the thigh, inside the waist: nothing can push it out."""
+    scenes = [compiled(HIP.format(waist=waist), after)[0] for after in ("", APART)]
+    several = 0
+    for seed in range(40):
+        whole, alone = (Collision.from_mujoco(m, landing(m, seed), friction=isinstance(law, Coulomb)) for m in scenes)
+        if "waist/thigh" not in whole.labels or whole.gradient_norms[whole.labels.index("waist/thigh")] > 1e-6:
+            continue  # the thigh itself touches the waist
+        several += 1
+        impact, wanted = law.resolve(whole), law.resolve(alone)
+        np.testing.assert_allclose(impact.post_velocity, wanted.post_velocity, rtol=1e-9, atol=1e-9)
+        assert impact.energy_change == pytest.approx(wanted.energy_change, rel=1e-9)
+    assert several >= 10
