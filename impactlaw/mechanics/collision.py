@@ -153,10 +153,10 @@ class Collision:
 
     @cached_property
     def without_idle_friction(self) -> Collision:
-        """The collision without the friction of contacts that no normal impulse can move.
+        """The collision without the friction of contacts that no normal impulse can move; their gap gradients become 0.
 
         An example is a contact whose normal meets the axis of a hinge. Its normal impulse would be arbitrary, and with
-        it its friction.
+        it its friction. Gap gradients stay as they are beside bilateral constraints, which may close such a contact.
 
         Raises:
             SolverError: a gap gradient is rounding next to the rows of friction only because coefficients are huge.
@@ -171,8 +171,8 @@ class Collision:
         if (idle & ~unmoved).any():
             named = ", ".join(compress(self.labels, idle & ~unmoved))
             raise SolverError(f"coefficients of friction of contacts {named} are too large to be resolved; 100 will do")
-        rows = idle[friction.contact]
-        return replace(self, friction=friction.without(rows)) if rows.any() else self
+        rows, acts = idle[friction.contact], ~idle[:, None] | (self.bilateral_jacobian is not None)
+        return replace(self, jacobian=self.jacobian * acts, friction=friction.without(rows)) if rows.any() else self
 
     def _whitened(self, rows: np.ndarray) -> np.ndarray:
         Y = self.metric.whiten_gradients(rows)
