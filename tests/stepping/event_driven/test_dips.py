@@ -158,3 +158,27 @@ def test_contacts_of_a_step_without_a_dip_are_those_at_its_end():
         stepper.step(data)
         assert stepper.events == ()
         assert data.contact.pos[:, 0] == pytest.approx([3.0 + step * timestep])
+
+
+@pytest.mark.parametrize("timestep", [0.005, 0.002])
+@pytest.mark.parametrize("stop", [0.05, 0.17, 0.195])
+def test_an_oscillator_that_all_but_grazes_its_stop_hits_it_once_a_period(stop, timestep):
+    """In the last of these steps it moves less than it is away at their end: it comes, turns and leaves.
+
+    A mass on a spring hits a stop (S. W. Shaw and P. J. Holmes, J. Sound Vib. 90, 1983); with e = 0.5 its amplitude
+    approaches the place of the stop, m.
+    """
+    rate, speed, duration = 10.0, 2.0, 6.0
+    mass = f'<body><joint type="slide" axis="1 0 0" stiffness="{rate**2}"/><geom size=".1" mass="1"/></body>'
+    model, data = compiled(f'<geom type="box" size=".1 1 1" pos="{0.2 + stop} 0 0"/>{mass}', timestep)
+    data.qvel[0] = speed
+    stepper, times = Stepper(model, Moreau(0.5), friction="ignore"), []
+    for _ in range(round(duration / timestep)):
+        stepper.step(data)
+        times += [event.time for event in stepper.events]
+    time, speed, expected = np.arcsin(rate * stop / speed) / rate, np.sqrt(speed**2 - (rate * stop) ** 2), []
+    while time < duration:
+        expected.append(time)
+        speed *= 0.5
+        time += 2.0 * (np.pi - np.arctan2(speed / rate, stop)) / rate
+    np.testing.assert_allclose(times, expected, atol=1e-4)

@@ -89,7 +89,7 @@ class Dips:
         if start is None:
             travel = self._travel.by(before, data.qvel, duration) + self._drift(duration)
         else:
-            travel = self._travel.between(start, data)
+            travel = self._travel.between(start, data) + 0.5 * self._bend(before, duration)  # of each of two geoms
         if not np.count_nonzero(apart.distance <= travel[apart.geoms].sum(axis=1) + SKIN):
             return False
         found = self._detect(reach)
@@ -111,8 +111,8 @@ class Dips:
         found, known = now.contact_set, trial.phase_end.known
         apart = self._detector.distances(data, within)
         if apart is not None and len((apart := apart.beyond(self._near + SKIN)).distance):
-            bent = 0.5 * self._travel.reach(data.qvel - before, 0.0 * before, duration) + self._drift(duration)
-            if np.count_nonzero(apart.distance <= self._travel.along(phase.start.frames, data, apart) + bent + SKIN):
+            opened = self._travel.along(phase.start.frames, data, apart) + self._bend(before, duration)
+            if np.count_nonzero(apart.distance <= opened + SKIN):
                 found = self._detect(within)
                 known = match(found, phase)
                 phase.work.look(len(known))
@@ -226,6 +226,11 @@ class Dips:
         """Return how far surfaces that move by themselves can have moved in a phase, m."""
         surfaces = self._configuration.surfaces
         return 0.0 if surfaces is None else surfaces.speed * duration
+
+    def _bend(self, before: np.ndarray, duration: float) -> float:
+        """Return a bound on how far two geoms came closer in a phase than their motion from start to end shows, m."""
+        change = self._configuration.data.qvel - before
+        return 0.5 * self._travel.reach(change, 0.0 * before, duration) + self._drift(duration)
 
     def _reach(self, before: np.ndarray, duration: float) -> float:
         """Return a bound on how much closer two geoms can have come in a phase, m, at most the size of the scene."""
