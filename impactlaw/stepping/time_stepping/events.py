@@ -16,13 +16,16 @@ from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact, cone_problem
 from impactlaw.mechanics.impact import Impact
 from impactlaw.solvers import solve_with_jump
-from impactlaw.solvers.friction.solve import solve_cones
+from impactlaw.solvers.friction.problem import ConeAnswer, ConeProblem
+from impactlaw.solvers.friction.solve import BRIEF, STEPS_OF_A_ROUND, THOROUGH, cost, solve_cones
 from impactlaw.solvers.problem import Status
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.time_stepping.problem.seen import Seen, in_order
 from impactlaw.stepping.time_stepping.tolerances import DRIVEN, is_met
 
 _ROUNDING = 1e-12  # energy that counts as rounding, relative to the kinetic energy of all bodies
+_WORK = 2e3  # work after which no further attempt to find the impulses of a collision by itself begins, see `cost`
+_PARTS = 1.0, 0.3, 0.03  # of impulses of the convex relaxation, as starting points where more would take too much work
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +113,7 @@ class CollisionRecord:
             return impact, True
         targets = target, kept * self.sliding[self.seen.tangential(groups)[0]]
         problem = cone_problem(collision, *targets, exact=self.exact)
-        answer = solve_cones(problem)
+        answer = _find_impulses(problem)
         solved = answer.status is Status.SOLVED
         if not solved:  # the step went to the nearest point
             with suppress(SolverError):
@@ -118,6 +121,22 @@ class CollisionRecord:
         told = targets if solved and kept == 1.0 else None
         more = {"restitution_scale": kept * self.share, "exact": self.exact, "cones": problem}
         return FrictionImpact.of_cones(collision, answer.impulse, answer.jump, told, **more), solved
+
+
+def _find_impulses(problem: ConeProblem) -> ConeAnswer:
+    """Solve the problem of a collision with friction; a thorough search takes minutes where dozens of bodies jam."""
+    start, step = cost(problem.start.size, problem.rows.shape[1])
+    most = max(0.0, (_WORK - start) / step)
+    rounds = max(1, min(THOROUGH, int(most / STEPS_OF_A_ROUND)))
+    answer = solve_cones(problem, rounds=rounds, most=most)
+    if answer.status is Status.SOLVED or not problem.exact or rounds > BRIEF:
+        return answer
+    relaxed = solve_cones(problem.relaxed, rounds=rounds, most=most)
+    for part in _PARTS:
+        answer = solve_cones(problem, part * relaxed.impulse, rounds=rounds, most=most)
+        if answer.status is Status.SOLVED:
+            break
+    return answer
 
 
 def beside_constraints(

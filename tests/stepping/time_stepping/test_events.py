@@ -177,8 +177,8 @@ def test_an_event_whose_friction_is_not_found_is_not_told_as_one_of_the_law(monk
     assert event.impact.target_contact_velocity is None
 
 
-def _stopped(*arguments):
-    return solve_cones(*arguments)._replace(status=Status.STOPPED)
+def _stopped(*arguments, **limits):
+    return solve_cones(*arguments, **limits)._replace(status=Status.STOPPED)
 
 
 def test_a_box_that_lands_flat_has_four_equal_impulses():
