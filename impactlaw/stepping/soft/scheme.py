@@ -78,7 +78,7 @@ class SoftStepping:
         self.collisions = Collisions(model, collider, plan, rest_speed=rest_speed, chosen=chosen)
         can_have_limits = model.ntendon > 0 or bool((model.jnt_type != _FREE).any())
         self.collides, self._surfaces = plan.detection or can_have_limits, self.collisions.surfaces
-        self._stages = Stages(model, self.collisions)
+        self._stages = Stages(model)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the attributes without the options, which are part of the model."""
@@ -194,7 +194,7 @@ class SoftStepping:
         if options.enableflags & _COMPARE:
             mujoco.mj_compareFwdInv(model, data)
         if integrator == _RK4 and not held:  # its stages would compute forces of their own
-            events += self._stages.advance(data, touches=contacts > 0)
+            events += self._stages.advance(data, self.collisions, touches=contacts > 0)
         else:
             self._integrate(data)
         return events

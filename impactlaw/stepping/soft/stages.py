@@ -31,12 +31,12 @@ _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 class Stages:
     """Advances a scene by RK4, and resolves the collisions in which steps end."""
 
-    def __init__(self, model: mujoco.MjModel, collisions: Collisions):
-        self._model, self._collisions = model, collisions
+    def __init__(self, model: mujoco.MjModel):
+        self._model = model
         self._before = np.empty(mujoco.mj_stateSize(model, _STATE))
         self._trial: mujoco.MjData | None = None
 
-    def advance(self, data: mujoco.MjData, *, touches: bool) -> tuple[ImpactEvent, ...]:
+    def advance(self, data: mujoco.MjData, collisions: Collisions, *, touches: bool) -> tuple[ImpactEvent, ...]:
         """Advance by RK4 after `mj_forward`; return the collisions in which the step ends.
 
         Whether new contacts of the last stage close is not checked if an earlier stage has met more contacts, which can
@@ -46,7 +46,7 @@ class Stages:
         mujoco.mj_getState(model, data, self._before, _STATE)
         start, pushing = keep_start(data, touches=touches), contact_forces(model, data) if touches else None
         if passes_limit(model, data):
-            events = self._collide_at_end(data, start, pushing)
+            events = self._collide_at_end(data, collisions, start, pushing)
             if not events:
                 mujoco.mj_RungeKutta(model, data, 4)
             return events
@@ -59,9 +59,9 @@ class Stages:
             if all(np.array_equal(*pair) for pair in zip(_met(data), before, strict=True)):
                 return ()
             velocities = row_velocities(model, data, self._before[1 + model.nq :][: model.nv])
-            if self._collisions.surfaces is None and not closes(model, data, velocities, self._collisions.rest_speed):
+            if collisions.surfaces is None and not closes(model, data, velocities, collisions.rest_speed):
                 return ()
-        return self._collide_at_end(data, start, pushing)
+        return self._collide_at_end(data, collisions, start, pushing)
 
     def _at_start(self, start: tuple[np.ndarray, ...]) -> mujoco.MjData:
         """Return other data as at the start of the step; see `keep_start`."""
@@ -76,12 +76,13 @@ class Stages:
         return self._trial
 
     def _collide_at_end(
-        self, data: mujoco.MjData, start: tuple[np.ndarray, ...], pushing: np.ndarray | None
+        self, data: mujoco.MjData, collisions: Collisions, start: tuple[np.ndarray, ...], pushing: np.ndarray | None
     ) -> tuple[ImpactEvent, ...]:
         """Take an RK4 step by `look_not_ahead` in other data; keep it if it ends in a collision that the law changes.
 
         Args:
             data: the state, which becomes that at the end of the step.
+            collisions: resolves them.
             start: see `keep_start`.
             pushing: the forces of contacts and limits at the start of the step, (nv,); None if nothing touches.
         """
@@ -89,7 +90,7 @@ class Stages:
         look_not_ahead(model, trial, pushing=pushing)
         mujoco.mj_fwdPosition(model, trial)
         mujoco.mj_fwdVelocity(model, trial)
-        events, stage = self._collisions.resolve(trial) if trial.ncon or trial.nl else NOTHING
+        events, stage = collisions.resolve(trial) if trial.ncon or trial.nl else NOTHING
         if stage == VELOCITY:
             return ()
         mujoco.mj_getState(model, trial, self._before, _STATE)
