@@ -14,6 +14,8 @@ NO_CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit
 """Flags with which neither contacts nor limits act."""
 NO_LIMIT = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT) | int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
 """Flags each of which disables limits."""
+TENDON = int(mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON)
+"""Type of the constraint rows of limits of tendons."""
 SCALAR = int(mujoco.mjtJoint.mjJNT_SLIDE)
 """First type of joint with one degree of freedom; slides and hinges come last."""
 

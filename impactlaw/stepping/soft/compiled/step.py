@@ -47,6 +47,7 @@ from impactlaw.stepping.soft.compiled.look_not_ahead import (
     start_room,
 )
 from impactlaw.stepping.soft.compiled.world import DIVERGED, FINE, PYTHON, World
+from impactlaw.stepping.soft.look_not_ahead import TENDON
 
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 _RK4, _EULER, _DISCRETE = (int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("RK4", "EULER", "DISCRETE"))
@@ -151,7 +152,7 @@ def _meets_more(w, geoms, rows):
         if more > 0:
             return True
     for r in range(first, first + number(w, DATA.nl)):
-        if not np.any(rows == ids[r]):
+        if ids[r] % 8 == TENDON or not np.any(rows == ids[r]):
             return True
     return False
 

@@ -88,29 +88,26 @@ def test_what_only_a_stage_between_meets_collides(compiled, what, beside):
 
 
 @pytest.mark.parametrize("compiled", ["auto", "never"])
-@pytest.mark.parametrize("what", ["joint", "floor"])
+@pytest.mark.parametrize("what", ["joint", "tendon", "floor"])
 def test_what_only_a_stage_between_meets_while_a_contact_opens_collides(compiled, what):
     """No stage has more rows than the start, where the opposite limit or the ceiling is active."""
-    joint, geom = DAMPED.format("limit"), DAMPED.format("")
-    ends, planes = 'limited="true" range="0 .006"', ""
-    if what == "floor":
-        ends, planes = (
-            "",
-            "".join(
-                f'<geom name="{name}" type="plane" size="9 9 1" pos="{at} 0 0" zaxis="{way} 0 0" {geom}/>'
-                for name, at, way in (("floor", -0.1, 1), ("ceiling", 0.106, -1))
-            ),
-        )
-    scene = f"""<mujoco><option timestep="0.01" integrator="RK4" gravity="0 0 0"/><worldbody>{planes}<body>
-        <joint type="slide" axis="1 0 0" {ends} {joint}/><geom name="ball" size=".1" {geom}/></body></worldbody>
-        </mujoco>"""
+    limits, geom = f'limited="true" range="0 .006" {DAMPED.format("limit")}', DAMPED.format("")
+    tendon = f'<tendon><fixed name="rope" {limits}><joint joint="slide" coef="1"/></fixed></tendon>'
+    planes = "".join(
+        f'<geom name="{name}" type="plane" size="9 9 1" pos="{at} 0 0" zaxis="{way} 0 0" {geom}/>'
+        for name, at, way in (("floor", -0.1, 1), ("ceiling", 0.106, -1))
+    )
+    scene = f"""<mujoco><option timestep="0.01" integrator="RK4" gravity="0 0 0"/>
+        <worldbody>{planes if what == "floor" else ""}<body>
+        <joint name="slide" type="slide" axis="1 0 0" {limits if what == "joint" else ""}/>
+        <geom name="ball" size=".1" {geom}/></body></worldbody>{tendon if what == "tendon" else ""}</mujoco>"""
     model = mujoco.MjModel.from_xml_string(scene)
     data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.5), contact_model="soft", compiled=compiled)
     data.qpos[0], data.qvel[0] = 0.0061, -2.0
     stepper.step(data)
-    label = "joint0" if what == "joint" else "floor/ball"
-    assert [event.contacts.labels for event in stepper.events] == [(label,)]
+    label = {"joint": "slide", "tendon": "rope", "floor": "floor/ball"}[what]
     assert data.qvel[0] == pytest.approx(1.0, abs=1e-9)
+    assert [event.contacts.labels for event in stepper.events] == [(label,)]
 
 
 def test_what_a_stage_between_has_met_collides_at_the_end_of_the_step():
