@@ -84,7 +84,7 @@ class Stepper:
             default (event-driven).
         rest_speed: closing speed above which a contact collides, m/s or rad/s. By default 1e-3 for time stepping, where
             the speed must also exceed what forces produce within a step, and for soft contacts 0.1, or 1.5 times what
-            gravity gives in a timestep if that is more.
+            gravity gives in a timestep (as they are when the stepper is made) if that is more.
         max_events: largest number of collisions in one step, 100 by default. The rest of a step with more is finished
             with E = 0 (soft), or time stepped if E = 0 would cost energy (event-driven). A larger number also allows
             more work.
