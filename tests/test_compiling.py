@@ -135,7 +135,7 @@ def test_a_python_that_cannot_be_started_again_compiles_alone(monkeypatch, tmp_p
         "impactlaw.solvers.cones.solve",
         "impactlaw.stepping.time_stepping.compiled.entry",
         "impactlaw.stepping.soft.compiled.entry",
-        "impactlaw.stepping.soft.compiled.many",
+        "impactlaw.stepping.soft.compiled.batch_entry",
     ],
 )
 def test_nothing_calls_a_function_that_a_helper_has_put_off(module):

@@ -17,7 +17,7 @@ from impactlaw.envs.placing.contact_forces import ContactForces
 from impactlaw.errors import DivergenceError, WrapperError
 from impactlaw.laws import Law
 from impactlaw.settled import Settled
-from impactlaw.stepping.impact_event import NOTHING, ImpactEvent, Told
+from impactlaw.stepping.impact_event import NOTHING, ImpactEvent, LazyEvents
 from impactlaw.stepping.integration import is_huge
 from impactlaw.stepping.stepper import Stepper
 
@@ -53,7 +53,7 @@ class PlacedLaw(LawInForce, ABC):
             setattr(self, name, getattr(options, name))
         self.log, self.log_every = (None, 1) if log is None else (log.path, log.every)
         self._removed, self._stepped, self._log = False, False, log
-        self._met: list[Told]
+        self._met: list[LazyEvents]
         self._options = self._in_force = options
         self.seeds = EpisodeSeeds(OUTCOMES)
         self._forces: ContactForces | None = None

@@ -19,9 +19,9 @@ from impactlaw.stepping.cautions import warn_of_held_joints
 from impactlaw.stepping.compatibility import check_count, check_friction, check_law, check_model, check_scene_friction
 from impactlaw.stepping.compiled.engine import Pool, functions
 from impactlaw.stepping.integration import check_timestep
-from impactlaw.stepping.left_out import watched_fields
 from impactlaw.stepping.options import Options
 from impactlaw.stepping.plan import make_plan
+from impactlaw.stepping.plan_check import watched_fields
 
 _ANEW = "make another Batch"
 _FORCES = ("cfrc_ext", "cfrc_int", "cacc")
@@ -112,7 +112,7 @@ class Batch:
         self._fields, self._functions = Fields(self._pool, model), functions()
         self.state = self._fields.state
         if contact_model == "soft":
-            compile_together("impactlaw.stepping.soft.compiled.many")
+            compile_together("impactlaw.stepping.soft.compiled.batch_entry")
             from impactlaw.batch.soft import SoftWorlds as Worlds
         else:
             compile_together("impactlaw.stepping.time_stepping.compiled.entry")

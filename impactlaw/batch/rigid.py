@@ -15,8 +15,8 @@ from impactlaw.stepping.compiled.engine import Pool, delete_others, fill_context
 from impactlaw.stepping.compiled.layout import table
 from impactlaw.stepping.options import Options
 from impactlaw.stepping.plan import Plan
-from impactlaw.stepping.time_stepping.compiled.borrow import room
 from impactlaw.stepping.time_stepping.compiled.entry import WORLDS, many
+from impactlaw.stepping.time_stepping.compiled.model_copy import room
 from impactlaw.stepping.time_stepping.compiled.state import memory, status
 from impactlaw.stepping.time_stepping.compiled.state.law import reason
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY

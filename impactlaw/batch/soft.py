@@ -22,8 +22,8 @@ from impactlaw.stepping.impact_event import sums_of
 from impactlaw.stepping.integration import restore_state, save_state
 from impactlaw.stepping.options import Options
 from impactlaw.stepping.plan import Plan
+from impactlaw.stepping.soft.compiled.batch_entry import WORLDS, many
 from impactlaw.stepping.soft.compiled.law import coefficients, reason, settings
-from impactlaw.stepping.soft.compiled.many import WORLDS, many
 from impactlaw.stepping.soft.compiled.world import DIVERGED, FINE, PYTHON, SETTING, UNKNOWN
 from impactlaw.stepping.soft.scheme import SoftStepping
 from impactlaw.stepping.way import Way

@@ -77,7 +77,7 @@ def _is_inadmissible(impact: Impact) -> bool:
     return scaled or not impact.violations.is_admissible()
 
 
-Told = tuple[ImpactEvent, ...] | Callable[[], tuple[ImpactEvent, ...]]
+LazyEvents = tuple[ImpactEvent, ...] | Callable[[], tuple[ImpactEvent, ...]]
 """Collisions, or a function that returns them; it may have an attribute `sums` with the sums over them."""
 
 
@@ -89,7 +89,7 @@ def changed_model(time: float) -> SceneError:
     )
 
 
-def sums_of(told: Told) -> ImpactSums:
+def sums_of(told: LazyEvents) -> ImpactSums:
     """Return the sums over collisions; events are resolved only if the sums are not known."""
     if not told:
         return NOTHING
@@ -100,7 +100,7 @@ def sums_of(told: Told) -> ImpactSums:
 class Collisions:
     """Collisions of several steps, in order."""
 
-    def __init__(self, parts: list[Told]):
+    def __init__(self, parts: list[LazyEvents]):
         self._parts = parts
 
     def __call__(self) -> tuple[ImpactEvent, ...]:
@@ -113,7 +113,7 @@ class Collisions:
         return reduce(ImpactSums.with_more, map(sums_of, self._parts), NOTHING)
 
 
-def together(parts: list[Told]) -> Told:
+def together(parts: list[LazyEvents]) -> LazyEvents:
     """Return the collisions of all parts as one."""
     if len(parts) == 1:
         return parts[0]

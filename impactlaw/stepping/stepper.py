@@ -16,11 +16,11 @@ from impactlaw.settled import Settled, places
 from impactlaw.solvers import load_solvers
 from impactlaw.stepping.compatibility import check_count, check_friction, check_law, check_model, check_scene_friction
 from impactlaw.stepping.event_driven.scheme import RigidStepping
-from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums, Told, sums_of, together
+from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums, LazyEvents, sums_of, together
 from impactlaw.stepping.integration import check_timestep
-from impactlaw.stepping.left_out import LeftOut
 from impactlaw.stepping.options import Options, select
 from impactlaw.stepping.plan import make_plan
+from impactlaw.stepping.plan_check import PlanCheck
 from impactlaw.stepping.soft.scheme import SoftStepping
 from impactlaw.stepping.way import Way
 
@@ -126,7 +126,18 @@ class Stepper:
     compiled = Settled(_ANEW)
     __slots__ = (
         *places("model", "plan", "contacts", "limits", *Options._fields),
-        *("_model", "_law", "_chosen", "_left_out", "_way", "_stepping", "_is_soft", "_at_once", "_events", "_warned"),
+        *(
+            "_model",
+            "_law",
+            "_chosen",
+            "_plan_check",
+            "_way",
+            "_stepping",
+            "_is_soft",
+            "_at_once",
+            "_events",
+            "_warned",
+        ),
         "__weakref__",
     )
 
@@ -175,12 +186,12 @@ class Stepper:
         self._law = self._known(law)
         self.plan = make_plan(model, contact_model, scheme=scheme, friction=friction or "coulomb")
         check_scene_friction(model, self.plan)
-        self._left_out = LeftOut(model, self.plan, friction or "coulomb") or None
+        self._plan_check = PlanCheck(model, self.plan, friction or "coulomb") or None
         self._way = Way(model, self.plan, options, self._chosen)
         self._stepping = self._way.stepping(self._law)
         self._is_soft = contact_model == "soft"
         self._at_once = self._is_soft and not isinstance(self._stepping, SoftStepping)  # takes several steps at once
-        self._events: Told = ()
+        self._events: LazyEvents = ()
         self._warned = False
 
     @property
@@ -205,7 +216,7 @@ class Stepper:
         return self._events() if callable(self._events) else self._events
 
     @property
-    def told(self) -> Told:
+    def told(self) -> LazyEvents:
         """The collisions of the last call, or a function that resolves and returns them, also after further steps."""
         return self._events
 
@@ -274,7 +285,7 @@ class Stepper:
         if not isinstance(data, mujoco.MjData) or not is_data_of(self._model, data):
             raise _other_model(data)
         self._events = ()
-        if self._left_out is not None and self._left_out.check() and isinstance(self._stepping, RigidStepping):
+        if self._plan_check is not None and self._plan_check.check() and isinstance(self._stepping, RigidStepping):
             self._stepping.learn_friction()
         if steps.__class__ is not int or steps < 1:
             check_count("steps", steps)
@@ -290,7 +301,7 @@ class Stepper:
             warnings.warn(_CROWDED.format(data.time), ManyCollisionsWarning, stacklevel=2)
 
     def _several(self, data: mujoco.MjData, steps: int) -> None:
-        told: list[Told] = []
+        told: list[LazyEvents] = []
         for _ in range(steps):
             self.step(data)
             if self._events:
@@ -309,8 +320,8 @@ class Stepper:
         if not self._is_soft:
             raise SceneError('only soft stepping can be cut in two halves; use step(), or contact_model="soft"')
         self._events = ()
-        if self._left_out is not None:
-            self._left_out.check()
+        if self._plan_check is not None:
+            self._plan_check.check()
         self._events = self._stepping.finish(data)  # pyright: ignore[reportAttributeAccessIssue]
 
     def _known(self, law: Law | Literal["scene"]) -> Law:

@@ -10,7 +10,7 @@ from impactlaw.laws import Law
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.solvers.one_thread import one_thread
 from impactlaw.stepping.event_driven.location.passing import Passing
-from impactlaw.stepping.impact_event import Told, together
+from impactlaw.stepping.impact_event import LazyEvents, together
 from impactlaw.stepping.plan import make_plan
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ class RestOfStep:
         """Note that event-driven stepping finished a step."""
         self._wait //= 2
 
-    def take(self, data: mujoco.MjData, remaining: float, surfaces: Surfaces | None) -> Told:
+    def take(self, data: mujoco.MjData, remaining: float, surfaces: Surfaces | None) -> LazyEvents:
         """Advance by the rest of a step, s; return the collisions, or a function that returns them."""
         stepping, passing = self._made()
         option, before = self._model.opt, stepping.short_steps
@@ -115,7 +115,7 @@ class RestOfStep:
         return self._stepping, self._passing
 
 
-def _advance(stepping: TimeStepping, data: mujoco.MjData, surfaces: Surfaces | None) -> Told:
+def _advance(stepping: TimeStepping, data: mujoco.MjData, surfaces: Surfaces | None) -> LazyEvents:
     """Advance by the model's timestep; surfaces move to where they are at its end."""
     if surfaces is not None:
         now = data.time

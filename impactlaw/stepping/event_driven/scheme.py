@@ -50,7 +50,7 @@ from impactlaw.stepping.event_driven.last_step import LastStep
 from impactlaw.stepping.event_driven.overlap import clearance, overlaps, push_out, refuse
 from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
 from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
-from impactlaw.stepping.impact_event import ImpactEvent, Told
+from impactlaw.stepping.impact_event import ImpactEvent, LazyEvents
 from impactlaw.stepping.integration import check_input, empty_state, has_room
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.work import Work
@@ -132,7 +132,7 @@ class RigidStepping:
         self._last.forget()
         self._phases.learn_friction()
 
-    def step(self, data: mujoco.MjData) -> Told:
+    def step(self, data: mujoco.MjData) -> LazyEvents:
         """Advance by one timestep and return the collisions; if an error is raised, data is as it was before."""
         self._configuration.bind(data)
         state, events = self._configuration.save(self._before), []
@@ -160,7 +160,7 @@ class RigidStepping:
             update_positions(self._model, data)  # surfaces stay where they were put
             raise
 
-    def _finish(self, data: mujoco.MjData, rest: RestOfStep, events: list[ImpactEvent], *, opens: bool) -> Told:
+    def _finish(self, data: mujoco.MjData, rest: RestOfStep, events: list[ImpactEvent], *, opens: bool) -> LazyEvents:
         """Take the rest of the step by time stepping."""
         state, remaining, count = self._begun
         known = tuple(events[:count])
@@ -186,7 +186,7 @@ class RigidStepping:
             if slight and not self._ties(now):
                 self._apart(now)
 
-    def _step(self, data: mujoco.MjData, events: list[ImpactEvent], *, waits: bool) -> Told:
+    def _step(self, data: mujoco.MjData, events: list[ImpactEvent], *, waits: bool) -> LazyEvents:
         timestep = self._options.timestep
         if self._options.enabled & OVERRIDE:
             check_override(self._model, self._plan)

@@ -25,9 +25,9 @@ from impactlaw.stepping.event_driven.location.search import locate
 from impactlaw.stepping.event_driven.location.travel import Frames, Travel
 from impactlaw.stepping.event_driven.location.trial_step import TrialStep
 from impactlaw.stepping.event_driven.matching import Matched, continued, match, refound, runs_on
-from impactlaw.stepping.event_driven.persistent_contact.felt_force import FeltForce
 from impactlaw.stepping.event_driven.persistent_contact.frictionless import hold
-from impactlaw.stepping.event_driven.persistent_contact.position import LookAgain
+from impactlaw.stepping.event_driven.persistent_contact.position import DetectAgain
+from impactlaw.stepping.event_driven.persistent_contact.predicted_force import PredictedForce
 from impactlaw.stepping.integration import advance
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.work import Work
@@ -272,11 +272,11 @@ class SmoothPhases:
         active = np.flatnonzero(start.active)
         if found.continues(active):
             return found
-        shift = FeltForce.of(self.configuration, start.force, phase.duration).shift
+        shift = PredictedForce.of(self.configuration, start.force, phase.duration).shift
         found = self._look_and_match(phase, start.contact_set.opening(shift))
         return found if found.continues(active) else None
 
-    def _look_again(self, phase: Phase, phase_end: PhaseEnd) -> LookAgain:
+    def _look_again(self, phase: Phase, phase_end: PhaseEnd) -> DetectAgain:
         """Return a function that looks at current contacts up to a gap, m, and matches them with the start.
 
         If the same pairs of geoms are near as before, with one contact each, the contacts are the same.
@@ -284,7 +284,7 @@ class SmoothPhases:
         known, pattern = phase_end.known, phase_end.now.pattern
         held = known[phase_end.sustained]
 
-        def look_again(within: float) -> Matched:
+        def detect_again(within: float) -> Matched:
             nonlocal known, pattern
             now = self.look(within)
             self.work.look(len(now.gap))
@@ -293,4 +293,4 @@ class SmoothPhases:
             pattern = now.pattern
             return Matched(now, known)
 
-        return look_again
+        return detect_again

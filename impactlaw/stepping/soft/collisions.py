@@ -25,10 +25,10 @@ from impactlaw.stepping.collisions import Closed, Collider, kinetic_metric
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import is_huge, joint_inertia, locked_joints
 from impactlaw.stepping.plan import Plan
-from impactlaw.stepping.soft.drifting import drifting
-from impactlaw.stepping.soft.driven import Constraints, is_dragged
+from impactlaw.stepping.soft.drifting_limits import drifting
+from impactlaw.stepping.soft.driving_constraints import Constraints, is_dragged
+from impactlaw.stepping.soft.position_correction import put_back
 from impactlaw.stepping.soft.rebounds import Normals, bounces, hold_back, normals
-from impactlaw.stepping.soft.since_closed import put_back
 from impactlaw.stepping.soft.tolerances import LOCKED, OPENING, ROUNDING, WORK
 from impactlaw.stepping.work import Work
 
@@ -79,7 +79,7 @@ class Collisions:
     def resolve(self, data: mujoco.MjData) -> tuple[tuple[ImpactEvent, ...], int]:
         """Change the velocity by the law; return the collisions and MuJoCo's last stage that is still current.
 
-        Positions change, too, if MuJoCo's force would push a contact that the law opens, see `since_closed`.
+        Positions change, too, if MuJoCo's force would push a contact that the law opens, see `position_correction`.
         """
         rows, speed, surfaces = data.efc_vel, self.rest_speed, self.surfaces
         still = surfaces is None or surfaces.still

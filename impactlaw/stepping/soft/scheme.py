@@ -6,11 +6,11 @@ equality constraints keep their velocity. Contacts have the friction of the scen
 made with ``friction="ignore"``.
 
 A step without a collision is `mj_step`, bit for bit, with two exceptions: a contact would throw bodies back by itself
-after the law has opened it (`rebounds`), or a contact touches while damping all but locks a joint (`one_inertia`). In
+after the law has opened it (`rebounds`), or a contact touches while damping all but locks a joint (`locked_joints`). In
 all other respects MuJoCo's contacts act between collisions as they do in `mj_step`. A contact that first closes within
 a step is detected at its end, up to one step too deep.
 
-If MuJoCo's force would push a contact that the law opens, positions change with the velocity (`since_closed`).
+If MuJoCo's force would push a contact that the law opens, positions change with the velocity (`position_correction`).
 
 MuJoCo gives mocap bodies no velocity. Soft stepping computes one from their motion (`Surfaces`): ``gamma = J v + w``
 decides which contacts collide, and how. Between collisions MuJoCo's contacts treat mocap bodies as if they were at rest
@@ -45,7 +45,7 @@ from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import check_timestep
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.soft.collisions import NOTHING, VELOCITY, Collisions
-from impactlaw.stepping.soft.one_inertia import added_inertia, one_inertia
+from impactlaw.stepping.soft.locked_joints import added_inertia, with_locked_joints
 from impactlaw.stepping.soft.stages import Stages, find_forces
 
 _RK4, _EULER, _DISCRETE = (int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("RK4", "EULER", "DISCRETE"))
@@ -148,7 +148,7 @@ class SoftStepping:
     def finish(self, data: mujoco.MjData) -> tuple[ImpactEvent, ...]:
         """Take the part of a step that follows `mj_step1`, and return the collisions.
 
-        Without a collision, a rebound or `one_inertia` this is `mj_step2`, bit for bit, except for RK4: `mj_step2`
+        Without a collision, a rebound or locked joints this is `mj_step2`, bit for bit, except for RK4: `mj_step2`
         would replace it by Euler, whereas here RK4 takes the whole step.
 
         Raises:
@@ -226,8 +226,8 @@ class SoftStepping:
         mujoco.mj_step2(model, data)
 
     def _find_forces(self, data: mujoco.MjData, added: np.ndarray) -> bool:
-        """Compute forces and the sensors of forces with `one_inertia`; return whether contacts were held back."""
-        with one_inertia(self._model, data, added):
+        """Compute forces and the sensors of forces with locked joints; return whether contacts were held back."""
+        with with_locked_joints(self._model, data, added):
             find_forces(self._model, data)
             held = self.collisions.bounces(data) and self.collisions.hold_back(data)
             if held:

@@ -2,8 +2,8 @@
 
 The stages look ahead: a contact that they meet would take part of the velocity that the law is to reverse. If the last
 stage has met new contacts, or a stage before it had more contacts, which can have kept the last one away, the step is
-tried again without them (`look_not_ahead`). If a joint would pass a limit, this is tried first. If the trial ends in a
-collision, the law resolves it there, and the trial is the step.
+tried again without them (`without_new_contacts`). If a joint would pass a limit, this is tried first. If the trial ends
+in a collision, the law resolves it there, and the trial is the step.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ import numpy as np
 from impactlaw.scene.contacts import closes, row_velocities
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.soft.collisions import NOTHING, VELOCITY, Collisions
-from impactlaw.stepping.soft.look_not_ahead import (
+from impactlaw.stepping.soft.without_new_contacts import (
     TENDON,
+    advance_without_new_contacts,
     contact_forces,
     is_plain,
     keep_start,
-    look_not_ahead,
     passes_limit,
     put_start,
 )
@@ -79,7 +79,7 @@ class Stages:
     def _collide_at_end(
         self, data: mujoco.MjData, collisions: Collisions, start: tuple[np.ndarray, ...], pushing: np.ndarray | None
     ) -> tuple[ImpactEvent, ...]:
-        """Take an RK4 step by `look_not_ahead` in other data; keep it if it ends in a collision that the law changes.
+        """Take an RK4 step without new contacts in other data; keep it if it ends in a collision that the law changes.
 
         Args:
             data: the state, which becomes that at the end of the step.
@@ -88,7 +88,7 @@ class Stages:
             pushing: the forces of contacts and limits at the start of the step, (nv,); None if nothing touches.
         """
         model, trial = self._model, self._at_start(start)
-        look_not_ahead(model, trial, pushing=pushing)
+        advance_without_new_contacts(model, trial, pushing=pushing)
         mujoco.mj_fwdPosition(model, trial)
         mujoco.mj_fwdVelocity(model, trial)
         events, stage = collisions.resolve(trial) if trial.ncon or trial.nl else NOTHING

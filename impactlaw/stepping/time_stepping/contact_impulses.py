@@ -20,15 +20,15 @@ from impactlaw.solvers.cones import BILATERAL
 from impactlaw.stepping.compiled.whitening import Inertia
 from impactlaw.stepping.law_targets import LawTargets
 from impactlaw.stepping.time_stepping.events import CollisionRecord, StepImpulses, beside_constraints
-from impactlaw.stepping.time_stepping.problem.drifts import hold
+from impactlaw.stepping.time_stepping.problem.contact_snapshot import ContactSnapshot, in_order
+from impactlaw.stepping.time_stepping.problem.drifting_equalities import hold
+from impactlaw.stepping.time_stepping.problem.gradient_turns import keep_sticking
 from impactlaw.stepping.time_stepping.problem.phases import later_rates, mark_later, reached_by, some_groups
 from impactlaw.stepping.time_stepping.problem.rows import Known, Rows
-from impactlaw.stepping.time_stepping.problem.seen import Seen, in_order
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import Aims, Method
 from impactlaw.stepping.time_stepping.problem.solution.resolve import Resolved, resolve_step
 from impactlaw.stepping.time_stepping.problem.solution.scaling import RESERVE
 from impactlaw.stepping.time_stepping.problem.targets import close_gaps, contact_targets
-from impactlaw.stepping.time_stepping.problem.turns import keep_sticking
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, PHASES, RESOLVED, REST_SPEED, is_met
 
 
@@ -54,7 +54,7 @@ class _Phase:
     cut: bool  # whether some such contacts are not left out
     scalable: bool  # whether restitution creates energy, which must be scaled away or raised as an error
     collides: np.ndarray  # groups that collide
-    seen: Seen | None  # the contacts shown to the law, if it was asked
+    seen: ContactSnapshot | None  # the contacts shown to the law, if it was asked
     together: bool  # whether the law couples contacts that do not influence each other
     answer: Resolved
 
@@ -232,7 +232,7 @@ class ContactProblem:
         sliding: np.ndarray,
         collides: np.ndarray,
         bound: np.ndarray,
-    ) -> tuple[Seen | None, bool]:
+    ) -> tuple[ContactSnapshot | None, bool]:
         """Get the targets of the law, and make equality constraints keep their velocity in the collision.
 
         Write which constraints must not drive the collision. Return the contacts shown to the law, and whether the law
@@ -258,12 +258,12 @@ class ContactProblem:
         kinds[equal] = self.bilateral[data.efc_id[rows.row[rows.first[equal]]]]
         return kinds
 
-    def _see(self, step: Start, rows: Rows) -> Seen:
+    def _see(self, step: Start, rows: Rows) -> ContactSnapshot:
         kept = self._kinds(step.data, rows) != 0
-        return Seen.of(self._model, step.data, rows, kept, self.names, self.limits, step.metric)
+        return ContactSnapshot.of(self._model, step.data, rows, kept, self.names, self.limits, step.metric)
 
     def _ask_law(
-        self, seen: Seen, velocity: np.ndarray, target: np.ndarray, sliding: np.ndarray, collides: np.ndarray
+        self, seen: ContactSnapshot, velocity: np.ndarray, target: np.ndarray, sliding: np.ndarray, collides: np.ndarray
     ) -> bool:
         """Write the law's targets for colliding contacts, which include closed ones they reach if the law needs these.
 

@@ -20,7 +20,7 @@ from impactlaw.solvers.friction.problem import ConeAnswer, ConeProblem
 from impactlaw.solvers.friction.solve import BRIEF, STEPS_OF_A_ROUND, THOROUGH, cost, solve_cones
 from impactlaw.solvers.problem import Status
 from impactlaw.stepping.impact_event import ImpactEvent
-from impactlaw.stepping.time_stepping.problem.seen import Seen, in_order
+from impactlaw.stepping.time_stepping.problem.contact_snapshot import ContactSnapshot, in_order
 from impactlaw.stepping.time_stepping.tolerances import DRIVEN, is_met
 
 _ROUNDING = 1e-12  # energy that counts as rounding, relative to the kinetic energy of all bodies
@@ -36,10 +36,10 @@ class CollisionRecord:
     of the step: ``v+ = v- + M_h^-1 J^T Lambda`` reaches the same contact velocities as the step. The other forces
     include equality constraints that collisions may violate, such as servos. They also include constraints that drift
     and would drive the collision, or lock it, if they kept their velocity: in the step these give way, see
-    `problem.solution.driven`.
+    `problem.solution.driving_equalities`.
     """
 
-    seen: Seen  # contacts, rows and inertia in the middle of the step
+    seen: ContactSnapshot  # contacts, rows and inertia in the middle of the step
     collides: np.ndarray  # groups that collide, bool (g,)
     pushed: np.ndarray  # groups with an impulse, bool (g,)
     time: float  # in the middle of the step, s
@@ -140,7 +140,11 @@ def _find_impulses(problem: ConeProblem) -> ConeAnswer:
 
 
 def beside_constraints(
-    seen: Seen, groups: np.ndarray, resolve: Callable[[np.ndarray], tuple[Impact, bool | None]], *, gains: bool = False
+    seen: ContactSnapshot,
+    groups: np.ndarray,
+    resolve: Callable[[np.ndarray], tuple[Impact, bool | None]],
+    *,
+    gains: bool = False,
 ) -> tuple[Impact, np.ndarray]:
     """Return the impact beside equality constraints, and which of these act in it, bool (g,).
 
@@ -170,7 +174,7 @@ def beside_constraints(
     return impact, acts
 
 
-def _creates_energy(impact: Impact, seen: Seen, groups: np.ndarray) -> bool:
+def _creates_energy(impact: Impact, seen: ContactSnapshot, groups: np.ndarray) -> bool:
     """Return whether contacts create more than the part `DRIVEN` of energy in an island, see `_driven_islands`."""
     label, island = seen.islands()
     return bool(_driven_islands(impact, label, groups, island, gains=True).any())

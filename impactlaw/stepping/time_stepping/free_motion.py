@@ -17,12 +17,12 @@ from mujoco import (
 
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.stepping.compiled.whitening import Inertia
-from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
 from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
 from impactlaw.stepping.time_stepping.margins import find_outrun, find_sizes, set_margins
+from impactlaw.stepping.time_stepping.problem.contact_points import mend_contacts
 from impactlaw.stepping.time_stepping.problem.forces import without_far_limits
-from impactlaw.stepping.time_stepping.problem.points import mend_contacts
-from impactlaw.stepping.time_stepping.standing import find_standing
+from impactlaw.stepping.time_stepping.standing_cylinders import find_standing
+from impactlaw.stepping.time_stepping.temporary_options import TemporaryOptions
 from impactlaw.stepping.time_stepping.tolerances import SHARES
 
 _FULL = [int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)]
@@ -79,10 +79,10 @@ def outrun(model: mujoco.MjModel, data: mujoco.MjData, sizes: np.ndarray) -> boo
     return bool(find_outrun(*margins, *bodies, data.subtree_com, data.cvel, model.opt.timestep))
 
 
-def look_farther(
+def detect_farther(
     model: mujoco.MjModel,
     data: mujoco.MjData,
-    borrowed: BorrowedModel,
+    options: TemporaryOptions,
     start: np.ndarray,
     free: np.ndarray,
     middle: np.ndarray,
@@ -94,19 +94,19 @@ def look_farther(
     All contacts that were found before are found again, even if they are now out of reach: they may have caused the
     collision. Return whether MuJoCo had no room for all contacts.
     """
-    led_to, before = data.cvel.copy(), borrowed.margins()
+    led_to, before = data.cvel.copy(), options.margins()
     data.qpos[:], data.qvel[:] = middle, start
     mj_comVel(model, data)
     _set_margins(model, data, data.cvel, led_to, sizes, 0.0 if surfaces is None else surfaces.speed)
-    borrowed.widen_margins(before)
-    overflown = _find_contacts(model, data, borrowed, surfaces)
+    options.widen_margins(before)
+    overflown = _find_contacts(model, data, options, surfaces)
     mj_fwdVelocity(model, data)
     data.qvel[:] = free
     return overflown
 
 
 def to_midpoint(
-    model: mujoco.MjModel, data: mujoco.MjData, surfaces: Surfaces | None, borrowed: BorrowedModel
+    model: mujoco.MjModel, data: mujoco.MjData, surfaces: Surfaces | None, options: TemporaryOptions
 ) -> tuple[np.ndarray, bool]:
     """Move bodies to the middle of the step, and compute all forces except those of contact there.
 
@@ -120,7 +120,7 @@ def to_midpoint(
         data.time = now
     mj_integratePos(model, data.qpos, data.qvel, 0.5 * h)
     middle = data.qpos.copy()
-    overflown = _find_contacts(model, data, borrowed, surfaces)
+    overflown = _find_contacts(model, data, options, surfaces)
     if model.nsensordata:
         data.flg_subtreevel = data.flg_rnepost = False  # otherwise MuJoCo would reuse results of the last step
         without_far_limits(mujoco.mj_sensorPos, model, data)
@@ -136,27 +136,27 @@ def to_midpoint(
 
 
 def _find_contacts(
-    model: mujoco.MjModel, data: mujoco.MjData, borrowed: BorrowedModel, surfaces: Surfaces | None
+    model: mujoco.MjModel, data: mujoco.MjData, options: TemporaryOptions, surfaces: Surfaces | None
 ) -> bool:
     """Compute everything that depends on positions, with smaller margins if MuJoCo has no room for all contacts."""
     for share in SHARES:
         seen = data.warning.number[_FULL].sum()
-        mended = _find(model, data, borrowed, surfaces)
+        mended = _find(model, data, options, surfaces)
         if data.warning.number[_FULL].sum() == seen:
             _mend_contacts(model, data, mended=mended)
             return False
-        borrowed.scale_margins(share)
-    _mend_contacts(model, data, mended=_find(model, data, borrowed, surfaces))
+        options.scale_margins(share)
+    _mend_contacts(model, data, mended=_find(model, data, options, surfaces))
     return True
 
 
-def _find(model: mujoco.MjModel, data: mujoco.MjData, borrowed: BorrowedModel, surfaces: Surfaces | None) -> bool:
+def _find(model: mujoco.MjModel, data: mujoco.MjData, options: TemporaryOptions, surfaces: Surfaces | None) -> bool:
     mj_fwdPosition(model, data)
-    return borrowed.stands and find_standing(model, data, found=True, surfaces=surfaces)
+    return options.stands and find_standing(model, data, found=True, surfaces=surfaces)
 
 
 def _mend_contacts(model: mujoco.MjModel, data: mujoco.MjData, *, mended: bool) -> None:
-    """Make contact frames orthogonal, and correct contact points; see `scene.frames` and `problem.points`.
+    """Make contact frames orthogonal, and correct contact points; see `scene.frames` and `problem.contact_points`.
 
     Rows of constraints are made again if anything changes, or contacts were mended before.
     """
@@ -170,7 +170,7 @@ def _mend_contacts(model: mujoco.MjModel, data: mujoco.MjData, *, mended: bool) 
 def free_step(
     model: mujoco.MjModel,
     data: mujoco.MjData,
-    borrowed: BorrowedModel,
+    options: TemporaryOptions,
     inertial: InertialForces,
     start: np.ndarray,
     held: np.ndarray,
@@ -178,8 +178,8 @@ def free_step(
     """Advance velocity, activations and time by MuJoCo's integrator without contact; return the inertia of the step."""
     data.qacc[:] = data.qacc_smooth
     data.qfrc_constraint[:] = 0.0
-    borrowed.integrator(model, data)
-    factor = (data.qH, data.qHDiagInv) if borrowed.damped else (data.qLD, data.qLDiagInv)
+    options.integrator(model, data)
+    factor = (data.qH, data.qHDiagInv) if options.damped else (data.qLD, data.qLDiagInv)
     metric = Inertia(*factor, model.M_rownnz, model.M_rowadr, model.M_colind)
     if inertial.act:
         data.qvel[:] = inertial.settle(data, start, held, metric, model.opt.timestep)

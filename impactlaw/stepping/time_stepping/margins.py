@@ -1,4 +1,4 @@
-"""How far collision detection has to reach: as far as each body and joint can move until the next look at contacts."""
+"""How far collision detection has to reach: as far as each body and joint can move until the next detection."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from impactlaw.solvers.cones.algebra.loops import plain
 LEAST = 1e-5
 """Least reach, m or rad, with which closed contacts of bodies at rest are found."""
 SLACK = 2.0
-"""Ratio of the reach to the travel of a body in a step: more finds contacts in vain, less causes more second looks."""
+"""Ratio of the reach to the travel of a body in a step: more finds contacts in vain, less needs more detections."""
 ALWAYS = 1e6
 """Margin, m or rad, with which all limits are found."""
 _PLANE, _FIELD = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD)

@@ -1,4 +1,4 @@
-"""Time stepping after Moreau and Jean: in every step one look at contacts, and one problem for all of them.
+"""Time stepping after Moreau and Jean: in every step one detection of contacts, and one problem for all of them.
 
 With the timestep h, the integrator's mass matrix ``M_h`` and everything evaluated at the midpoint ``q_M``:
 
@@ -9,9 +9,9 @@ With the timestep h, the integrator's mass matrix ``M_h`` and everything evaluat
 
 (J. J. Moreau, *Numerical aspects of the sweeping process*, Comput. Methods Appl. Mech. Eng. 177, 1999; M. Jean, same
 volume.) ``gamma^h`` is the law's target for colliding contacts (`targets`), and half the turn of the gradient for
-persistent contacts (`turns`). The work of contact in a step is ``Lambda^T (gamma- + gamma+) / 2``, and forces that do
-not depend on velocity do their work to second order. Therefore contact creates no energy, and an elastic ball keeps its
-energy exactly.
+persistent contacts (`gradient_turns`). The work of contact in a step is ``Lambda^T (gamma- + gamma+) / 2``, and
+forces that do not depend on velocity do their work to second order. Therefore contact creates no energy, and an elastic
+ball keeps its energy exactly.
 
 A contact that is hit only through others, across a gap that is still open, collides after them in the same step,
 starting from the velocity after their collision (`problem.phases`).
@@ -38,14 +38,14 @@ from impactlaw.stepping.compiled.whitening import Inertia
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import check_input, empty_state, is_huge, restore_state, save_state
 from impactlaw.stepping.plan import Plan
-from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
 from impactlaw.stepping.time_stepping.contact_impulses import ContactProblem
+from impactlaw.stepping.time_stepping.end_correction import EndCorrection
 from impactlaw.stepping.time_stepping.events import StepImpulses
 from impactlaw.stepping.time_stepping.free_motion import (
+    detect_farther,
     frames_of,
     free_step,
     limit_energy,
-    look_farther,
     outrun,
     reach,
     to_midpoint,
@@ -53,15 +53,15 @@ from impactlaw.stepping.time_stepping.free_motion import (
     update_inertia,
 )
 from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
-from impactlaw.stepping.time_stepping.looks import Look, Looks
 from impactlaw.stepping.time_stepping.problem.forces import sense, write_forces
+from impactlaw.stepping.time_stepping.problem.gradient_turns import take_turns
 from impactlaw.stepping.time_stepping.problem.reader import RowReader
-from impactlaw.stepping.time_stepping.problem.rest import TOUCHING
 from impactlaw.stepping.time_stepping.problem.rows import Known, Rows
 from impactlaw.stepping.time_stepping.problem.solution.scaling import RESERVE
-from impactlaw.stepping.time_stepping.problem.turns import take_turns
-from impactlaw.stepping.time_stepping.second_look import SecondLook
-from impactlaw.stepping.time_stepping.tolerances import FARTHER_LOOKS, FEW_ROUNDS, MANY_ROUNDS
+from impactlaw.stepping.time_stepping.problem.tiny_gaps import TOUCHING
+from impactlaw.stepping.time_stepping.temporary_options import TemporaryOptions
+from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, MANY_ROUNDS, WIDER_DETECTIONS
+from impactlaw.stepping.time_stepping.working_set import Outcome, WorkingSet
 
 _ELLIPTIC = int(mujoco.mjtCone.mjCONE_ELLIPTIC)
 _ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
@@ -103,10 +103,10 @@ class TimeStepping:
         self._friction = plan.friction
         self._surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces and model.nmocap else None
         self._reader = RowReader(model, self._surfaces, frictional=plan.friction, touching=touching)
-        self._borrowed = BorrowedModel(model)
+        self._options = TemporaryOptions(model)
         self._sizes = np.zeros(model.nbody)
         self.inertial = InertialForces(model)
-        self._second_look = SecondLook(model, self._sizes, self._borrowed, self._reader)
+        self._end_correction = EndCorrection(model, self._sizes, self._options, self._reader)
         self._state = empty_state(model)
         self._left: tuple[bytes, ...] = ()
         self._frames: tuple[bytes, ...] = ()
@@ -180,7 +180,7 @@ class TimeStepping:
             motion: motion of mocap bodies in that step.
             solved: whether that step has met the law.
         """
-        with self._borrowed:
+        with self._options:
             update_frames(self._model, data)
         self._leave(data)
         self._known, self._gained, self.solved = known if len(known.key) else None, gained[0].copy(), solved
@@ -194,13 +194,13 @@ class TimeStepping:
             *self._problem.settings(),
             float(self._friction),
             float(self.inertial.act),
-            float(self._borrowed.sticks),
+            float(self._options.sticks),
             1.0,
             np.nan if targets.restitution is None else targets.restitution,
             targets.law.restitution if isinstance(targets.law, Reversal) else np.nan,
             0.0 if self._surfaces is None else 1.0 + self._surfaces.meet,
             0.0,
-            float(self._borrowed.stands),
+            float(self._options.stands),
         )
 
     def step(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
@@ -213,7 +213,7 @@ class TimeStepping:
             refuse_override(model)
         self.inertial.look()
         try:
-            with self._borrowed:
+            with self._options:
                 self._step(data)
             return self._events()
         except BaseException:
@@ -244,8 +244,8 @@ class TimeStepping:
         self._meet = 0.0 if self._surfaces is None else self._surfaces.speed
         reach(model, data, self._gained, self._sizes, self._meet)
         self._velocity, start = data.qvel.copy(), data.qpos.copy()
-        self._middle, self._overflown = to_midpoint(model, data, self._surfaces, self._borrowed)
-        self._metric = free_step(model, data, self._borrowed, self.inertial, self._velocity, self._held)
+        self._middle, self._overflown = to_midpoint(model, data, self._surfaces, self._options)
+        self._metric = free_step(model, data, self._options, self.inertial, self._velocity, self._held)
         self._gained, free = data.qvel - self._velocity, data.qvel.copy()
         shift, met = None, True
         if data.nefc:
@@ -271,7 +271,7 @@ class TimeStepping:
         model.opt.cone = _ELLIPTIC
         shift = None
         if self._rows is not None and met:  # overlaps that are squeezed cannot be opened
-            shift = self._second_look.shift(data, self._rows, self._metric)
+            shift = self._end_correction.shift(data, self._rows, self._metric)
         if shift is not None:
             mj_integratePos(model, data.qpos, shift, h)
             update_frames(model, data)
@@ -284,38 +284,38 @@ class TimeStepping:
 
         Return the velocity that opens overlaps, if there are any to open, and whether the law is met.
         """
-        looks = Looks(
+        working_set = WorkingSet(
             self._model, self._problem, self._reader, self.inertial, self._velocity, self._middle, self._metric,
             np.ones(1), MANY_ROUNDS if self.solved else FEW_ROUNDS,
         )  # fmt: skip
         free = data.qvel.copy()
-        look, farther, work = looks.find(data, self._known), 0, 1.0
-        while outruns := self._outruns(data, look):
-            work, used = looks.work[0], work - looks.work[0]
-            if farther == FARTHER_LOOKS or not work - RESERVE > used:  # a further attempt would find worse impulses
+        outcome, farther, work = working_set.find(data, self._known), 0, 1.0
+        while outruns := self._outruns(data, outcome):
+            work, used = working_set.work[0], work - working_set.work[0]
+            if farther == WIDER_DETECTIONS or not work - RESERVE > used:  # a further attempt would find worse impulses
                 break
-            self._overflown = look_farther(
-                self._model, data, self._borrowed, self._velocity, free, self._middle, self._sizes, self._surfaces
+            self._overflown = detect_farther(
+                self._model, data, self._options, self._velocity, free, self._middle, self._sizes, self._surfaces
             )
-            look, farther = looks.find(data, look.known), farther + 1
-        self._found = found = look.impulses
+            outcome, farther = working_set.find(data, outcome.known), farther + 1
+        self._found = found = outcome.impulses
         data.qpos[:] = self._middle  # the integrator has changed it: limits are counted at the midpoint
         write_forces(
-            self._model, data, self._velocity, self._borrowed.cone, (look.rows, found.impulse) if found else None
+            self._model, data, self._velocity, self._options.cone, (outcome.rows, found.impulse) if found else None
         )
-        met = look.met and not self._overflown
-        self.solved = met and not look.loses and not outruns
-        self.short_steps += not (self.solved and look.rubs)
-        self._rows, self._known = (look.rows, look.known) if found else (None, None)
+        met = outcome.met and not self._overflown
+        self.solved = met and not outcome.loses and not outruns
+        self.short_steps += not (self.solved and outcome.rubs)
+        self._rows, self._known = (outcome.rows, outcome.known) if found else (None, None)
         if found:
-            rows = look.rows
+            rows = outcome.rows
             take_turns(rows.groups, rows.rates, found.impulse, found.reached, found.sliding)
         self.shortfall = found.shortfall if found else 0.0
         return (found.shift if found and len(found.shift) else None), met
 
-    def _outruns(self, data: mujoco.MjData, look: Look) -> bool:
+    def _outruns(self, data: mujoco.MjData, outcome: Outcome) -> bool:
         """Return whether a collision throws a body farther than contacts were looked for, although there was room."""
-        collides = look.impulses is not None and len(look.impulses.collisions) > 0
+        collides = outcome.impulses is not None and len(outcome.impulses.collisions) > 0
         return collides and not self._overflown and outrun(self._model, data, self._sizes)
 
     def _finish(self, data: mujoco.MjData) -> None:

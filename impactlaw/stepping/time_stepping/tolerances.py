@@ -17,16 +17,16 @@ MANY_ROUNDS = 24
 """Number of rounds of the slower solvers, if Newton's method fails."""
 FEW_ROUNDS = 1
 """The same if the slower solvers have failed in the last step, too."""
-LOOKS = 3
-"""Largest number of looks for contacts that the velocity after a collision closes."""
-PHASE_LOOKS = 8
-"""Number of further looks if collisions are one after another: each of them can close another contact."""
-PHASE_LOOK_ROWS = 50
-"""Largest number of rows of a contact problem for which contacts are then looked for again."""
+SETS = 3
+"""Largest number of working sets; each adds the contacts that the velocity after a collision closes."""
+PHASE_SETS = 8
+"""Number of further working sets if collisions are one after another: each of them can close another contact."""
+PHASE_SET_ROWS = 50
+"""Largest number of rows of a contact problem that then gets a further working set."""
 PHASES = 64
 """Largest number of collisions one after another within a step, for contacts hit through others across open gaps."""
-FARTHER_LOOKS = 8
-"""Largest number of wider looks for contacts: each collision one after another can throw another body."""
+WIDER_DETECTIONS = 8
+"""Largest number of detections of contacts farther away: each collision one after another can throw another body."""
 CALM_TIES = 1e-2
 """Part of the fastest collision up to which a connect or weld can keep its velocity in the collision.
 
@@ -39,7 +39,7 @@ DRIVEN = 1e-2
 """Part of the energy of a collision's fastest contact that equality constraints may add by their drift.
 
 It holds for each row of a connect or weld, and for all constraints of an island together, see
-`problem.solution.driven`.
+`problem.solution.driving_equalities`.
 """
 SLOWEST = 1e-2
 """Smallest velocity with which shortfalls are compared, m/s."""

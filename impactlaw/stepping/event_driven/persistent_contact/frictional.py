@@ -1,7 +1,7 @@
 """Persistent contact with friction: impulses in the friction cones that keep contacts closed and resist sliding.
 
-After a smooth phase of duration tau to the velocity ``v``, with the effect of the applied contact forces (`felt_force`)
-subtracted, the contacts that stay closed take impulses with
+After a smooth phase of duration tau to the velocity ``v``, with the effect of the applied contact forces subtracted
+(`predicted_force`), the contacts that stay closed take impulses with
 
     u_n = J_n (v + M^-1 J^T Lambda) + w_n,   u_t = J_t (v + M^-1 J^T Lambda) + w_t
     0 <= Lambda_n  ⊥  u_n >= 0,   Coulomb's law between Lambda_t and u_t
@@ -26,13 +26,13 @@ from impactlaw.solvers.friction.solve import solve_cones
 from impactlaw.solvers.problem import Status
 from impactlaw.stepping.event_driven.contact_set import Rows
 from impactlaw.stepping.event_driven.contact_state import CORRECTED, ContactForces, Phase, PhaseEnd, stays
-from impactlaw.stepping.event_driven.persistent_contact.felt_force import (
-    FeltForce,
+from impactlaw.stepping.event_driven.persistent_contact.position import DetectAgain, among, hold_position
+from impactlaw.stepping.event_driven.persistent_contact.predicted_force import (
+    PredictedForce,
     constrained_velocity,
     moving_part,
     turned_rows,
 )
-from impactlaw.stepping.event_driven.persistent_contact.position import LookAgain, among, hold_position
 from impactlaw.stepping.work import Work
 
 _SETTLINGS = 4  # largest number of shifts of position
@@ -53,7 +53,7 @@ class _Impulses(NamedTuple):
 
 
 def hold_with_friction(
-    phase_end: PhaseEnd, phase: Phase, look_again: LookAgain
+    phase_end: PhaseEnd, phase: Phase, detect_again: DetectAgain
 ) -> tuple[PhaseEnd, Callable[[], PhaseEnd]]:
     """Bring the position back to the sustained contacts; this moves the scene.
 
@@ -63,7 +63,7 @@ def hold_with_friction(
         trial.
     """
     configuration = phase_end.now.configuration
-    felt = FeltForce.of(configuration, phase.start.force, phase.duration)
+    felt = PredictedForce.of(configuration, phase.start.force, phase.duration)
     free = constrained_velocity(phase_end.now, phase) - felt.velocity
     impulses = _solve(phase_end, phase, free, None)
     table, change = impulses.table, configuration.jump(impulses.rows.jacobian, impulses.each)
@@ -71,11 +71,11 @@ def hold_with_friction(
     if np.count_nonzero(shift):
         reach = phase_end.contact_set.opening(shift + felt.shift)
         far = phase.duration * (configuration.kinetic_norm(free) + configuration.kinetic_norm(change))
-        phase_end, table = _settle(phase_end, shift, table, phase, look_again, reach, far)
+        phase_end, table = _settle(phase_end, shift, table, phase, detect_again, reach, far)
     phase_end = _with_more(phase_end, phase)
     if np.count_nonzero(phase_end.sustained & (phase_end.gap < -CORRECTED * phase.tolerance)):
         before = phase_end.known
-        phase_end = hold_position(phase_end, phase, look_again, np.zeros_like(shift))
+        phase_end = hold_position(phase_end, phase, detect_again, np.zeros_like(shift))
         phase_end = _with_more(phase_end, phase)
         table = _matched(table, before, phase_end)
     now, velocity = phase_end.now, free + change
@@ -84,7 +84,9 @@ def hold_with_friction(
     return tried, partial(_hold_velocity, phase_end, phase, felt, free, table)
 
 
-def _hold_velocity(phase_end: PhaseEnd, phase: Phase, felt: FeltForce, free: np.ndarray, guess: np.ndarray) -> PhaseEnd:
+def _hold_velocity(
+    phase_end: PhaseEnd, phase: Phase, felt: PredictedForce, free: np.ndarray, guess: np.ndarray
+) -> PhaseEnd:
     """Give the sustained contacts the velocity after their impulses; return them with these impulses.
 
     Half of an impulse acts along the rows at the start (`_turned`). That is left out if it makes a contact stop pushing
@@ -118,7 +120,7 @@ def _settle(
     shift: np.ndarray,
     table: np.ndarray,
     phase: Phase,
-    look_again: LookAgain,
+    detect_again: DetectAgain,
     reach: float,
     far: float,
 ) -> tuple[PhaseEnd, np.ndarray]:
@@ -135,7 +137,7 @@ def _settle(
     configuration, held = phase_end.now.configuration, phase_end.known[phase_end.sustained]
     for settling in range(_SETTLINGS):
         configuration.shift(shift)
-        before, (now, known) = phase_end.known, look_again(max(reach, phase_end.contact_set.opening(shift)))
+        before, (now, known) = phase_end.known, detect_again(max(reach, phase_end.contact_set.opening(shift)))
         phase_end = PhaseEnd(now, known, among(known, held))
         table = _matched(table, before, phase_end)
         active = table[:, 0] > 0

@@ -5,8 +5,9 @@ so slowly that its rebound rises less than the gap tolerance: ``gamma^2 / (2 a) 
 acceleration in the phase. This also ends a Zeno sequence of ever smaller bounces. The acceleration of a contact is
 evaluated again once the contacts below it are held: in a stack that falls freely it is zero.
 
-The phase itself contains no contact except the forces of the last phase (`felt_force`), whose effect is subtracted from
-its end. Then the position is brought back to the closed contacts (`position`), and the velocity v becomes
+The phase itself contains no contact except the forces of the last phase (`predicted_force`), whose effect is
+subtracted from its end. Then the position is brought back to the closed contacts (`position`), and the velocity v
+becomes
 
     0 <= nu  ⊥  J (w + M^-1 J^T nu) >= 0,   w = v + M^-1 (J_start - J)^T nu' / 2,   v <- w + M^-1 J^T nu
 
@@ -22,12 +23,18 @@ import numpy as np
 
 from impactlaw.stepping.event_driven.contact_set import ContactSet
 from impactlaw.stepping.event_driven.contact_state import CORRECTED, Phase, PhaseEnd
-from impactlaw.stepping.event_driven.persistent_contact.felt_force import FeltForce, constrained_velocity, turned_rows
 from impactlaw.stepping.event_driven.persistent_contact.frictional import hold_with_friction
-from impactlaw.stepping.event_driven.persistent_contact.position import LookAgain, hold_position, least_impulse
+from impactlaw.stepping.event_driven.persistent_contact.position import DetectAgain, hold_position, least_impulse
+from impactlaw.stepping.event_driven.persistent_contact.predicted_force import (
+    PredictedForce,
+    constrained_velocity,
+    turned_rows,
+)
 
 
-def hold(phase_end: PhaseEnd, phase: Phase, look_again: LookAgain) -> tuple[PhaseEnd, Callable[[], PhaseEnd] | None]:
+def hold(
+    phase_end: PhaseEnd, phase: Phase, detect_again: DetectAgain
+) -> tuple[PhaseEnd, Callable[[], PhaseEnd] | None]:
     """Bring position and velocity back to the sustained contacts; this moves the scene.
 
     Returns:
@@ -35,22 +42,22 @@ def hold(phase_end: PhaseEnd, phase: Phase, look_again: LookAgain) -> tuple[Phas
     """
     phase.work.hold(len(phase_end.known))
     if phase_end.now.pattern.friction is not None:
-        return hold_with_friction(phase_end, phase, look_again)
+        return hold_with_friction(phase_end, phase, detect_again)
     now, known, sustained = phase_end
-    felt = FeltForce.of(now.configuration, phase.start.force, phase.duration)
+    felt = PredictedForce.of(now.configuration, phase.start.force, phase.duration)
     free = constrained_velocity(now, phase) - felt.velocity
     amiss = now.gap < -CORRECTED * phase.tolerance
     if phase.start.force is not None and phase.start.active is not None:
         amiss |= (known >= 0) & phase.start.active[known] & (now.gap > CORRECTED * phase.tolerance)
     if np.count_nonzero(sustained & amiss):
-        phase_end = hold_position(phase_end, phase, look_again, felt.shift)
+        phase_end = hold_position(phase_end, phase, detect_again, felt.shift)
     now, _, sustained = phase_end
     if phase.start.force is None and not np.count_nonzero(sustained & now.closed & (now.contact_velocity < -now.noise)):
         return phase_end, None
     return _hold_velocity(phase_end, phase, free, felt), None
 
 
-def _hold_velocity(phase_end: PhaseEnd, phase: Phase, velocity: np.ndarray, felt: FeltForce) -> PhaseEnd:
+def _hold_velocity(phase_end: PhaseEnd, phase: Phase, velocity: np.ndarray, felt: PredictedForce) -> PhaseEnd:
     """Keep closed contacts that are sustained from approaching; return the contacts with the resulting velocity."""
     now, contact_set = phase_end.now, phase_end.contact_set
     data = now.configuration.data

@@ -17,7 +17,7 @@ from impactlaw.solvers import Problem, solve_with_jump
 from impactlaw.stepping.event_driven.contact_state import CORRECTED, ContactState, Phase, PhaseEnd, stays
 from impactlaw.stepping.work import Work
 
-LookAgain = Callable[[float], tuple[ContactState, np.ndarray]]
+DetectAgain = Callable[[float], tuple[ContactState, np.ndarray]]
 """Detects current contacts up to a gap, m, and matches them with those at the start of the phase."""
 
 _CORRECTIONS = 20  # largest number of corrections
@@ -41,7 +41,7 @@ class Correction(NamedTuple):
     shift: np.ndarray  # the shift that opens the contacts, (nv,)
 
 
-def hold_position(phase_end: PhaseEnd, phase: Phase, look_again: LookAgain, felt: np.ndarray) -> PhaseEnd:
+def hold_position(phase_end: PhaseEnd, phase: Phase, detect_again: DetectAgain, felt: np.ndarray) -> PhaseEnd:
     """Move the scene so that sustained contacts do not overlap; return the contacts there.
 
     The correction may undo the shift ``felt``, (nv,), that contact forces have made in the phase.
@@ -72,12 +72,12 @@ def hold_position(phase_end: PhaseEnd, phase: Phase, look_again: LookAgain, felt
             cuts = Cuts(np.vstack([cuts.jacobian, J]), np.concatenate([cuts.least, least]))
         shift = wanted
         configuration.shift(shift, qpos=end)
-        before, (now, known) = known, look_again(reach)
+        before, (now, known) = known, detect_again(reach)
         if np.abs(configuration.data.geom_xpos - place).max(initial=0.0) > limit:
             raise UnfinishedStepError("equality constraints leave contacts next to no motion: they were not held")
         if known is not before and not np.array_equal(known, before):
             if not among(before[active & (before >= 0)], known).all():  # pushed out of the range of the look
-                now, known = look_again(float(-end_gap.min()))
+                now, known = detect_again(float(-end_gap.min()))
             active = among(known, before[active])
             sustained = among(known, before[sustained])  # the phase's decision stands
             new = ~among(known, before)

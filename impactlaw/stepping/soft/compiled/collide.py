@@ -41,13 +41,18 @@ from impactlaw.stepping.compiled.access import (
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, keep
 from impactlaw.stepping.compiled.islands import join_trees, tree_of
 from impactlaw.stepping.compiled.whitening import unwhitened, whitened
-from impactlaw.stepping.soft.compiled.contacts.drifting import leave_drifting_out
+from impactlaw.stepping.soft.compiled.contacts.active_contacts import (
+    ActiveContacts,
+    find,
+    normal_velocities,
+    within_reach,
+)
+from impactlaw.stepping.soft.compiled.contacts.drifting_limits import leave_drifting_out
 from impactlaw.stepping.soft.compiled.contacts.equalities import projected, span
-from impactlaw.stepping.soft.compiled.contacts.found import Found, find, normal_velocities, within_reach
 from impactlaw.stepping.soft.compiled.contacts.kinds import FOUND, LAW, WORLD, typeof
 from impactlaw.stepping.soft.compiled.contacts.rows import everyone, reached_by, read
 from impactlaw.stepping.soft.compiled.contacts.work import work_of_each
-from impactlaw.stepping.soft.compiled.shares import ENOUGH, Wanted, find_impulses
+from impactlaw.stepping.soft.compiled.restitution_scaling import ENOUGH, CollisionProblem, find_impulses
 from impactlaw.stepping.soft.compiled.world import FINE, PYTHON, UNKNOWN
 from impactlaw.stepping.soft.tolerances import GAINED, OPENING, ROUNDING
 
@@ -94,7 +99,7 @@ def _key(w, found, i):
 
 @plain
 def _ask(w, law, found, rows, members, velocity, last, before, restored):
-    """Write the fields `before` and `restored` of `Wanted`, (n,) each; return whether each e is known."""
+    """Write the fields `before` and `restored` of `CollisionProblem`, (n,) each; return whether each e is known."""
     for g in members:
         i, first = rows.of[g], rows.first[g]
         e = 0.0 if last else law.restitution
@@ -177,8 +182,8 @@ def _resolve(w, law, found, gamma, calm, islands, rounding, opening, last, veloc
     if not _ask(w, law, found, free, members, v, last, before, restored):
         return UNKNOWN
     speed = norm(v)
-    wanted = Wanted(law.last_exact if last else law.exact, before, restored, v, speed)
-    residual, share = find_impulses(w, rows, members, wanted, x, z)
+    problem = CollisionProblem(law.last_exact if last else law.exact, before, restored, v, speed)
+    residual, share = find_impulses(w, rows, members, problem, x, z)
     if not residual <= ENOUGH:
         return PYTHON
     if share < 1.0 and trembles:
@@ -248,7 +253,7 @@ def _collide(w, law, islands, sums):
         _find_calm(w, found, gamma, jacobian, islands, calm)
     if lowest < -law.rest_speed and len(calm) > 0 and number(w, DATA.nl) > 0:
         h = leave_drifting_out(w, law.bilateral, calm, found, gamma)
-        found, gamma = Found(found.row[:h], found.contact[:h], found.paired[:h]), gamma[:h]
+        found, gamma = ActiveContacts(found.row[:h], found.contact[:h], found.paired[:h]), gamma[:h]
         lowest = normal_velocities(found, speeds, gamma)
     if not lowest < -law.rest_speed:
         return FINE, False

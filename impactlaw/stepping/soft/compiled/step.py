@@ -33,21 +33,21 @@ from impactlaw.stepping.compiled.fields import (
     put_int,
 )
 from impactlaw.stepping.soft.compiled.collide import collide
-from impactlaw.stepping.soft.compiled.contacts.found import find, normal_velocities
+from impactlaw.stepping.soft.compiled.contacts.active_contacts import find, normal_velocities
 from impactlaw.stepping.soft.compiled.contacts.kinds import LAW
+from impactlaw.stepping.soft.compiled.contacts.position_correction import put_back
 from impactlaw.stepping.soft.compiled.contacts.rebounds import bounces, hold_back
-from impactlaw.stepping.soft.compiled.contacts.since_closed import put_back
-from impactlaw.stepping.soft.compiled.locked import lock, locks, room, takes_forces, unlock
-from impactlaw.stepping.soft.compiled.look_not_ahead import (
+from impactlaw.stepping.soft.compiled.locked_joints import lock, locks, room, takes_forces, unlock
+from impactlaw.stepping.soft.compiled.without_new_contacts import (
+    advance_without_new_contacts,
     find_contact_forces,
     is_plain,
     keep_start,
-    look_not_ahead,
     passes_limit,
     start_room,
 )
 from impactlaw.stepping.soft.compiled.world import DIVERGED, FINE, PYTHON, World
-from impactlaw.stepping.soft.look_not_ahead import TENDON
+from impactlaw.stepping.soft.without_new_contacts import TENDON
 
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 _RK4, _EULER, _DISCRETE = (int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("RK4", "EULER", "DISCRETE"))
@@ -174,13 +174,13 @@ def _will_meet_more(w, trial, state, start, geoms, rows):
 
 @kernel
 def _collide_at_end(w, law, trial, pushing, state, start, sums):
-    """Take an RK4 step by `look_not_ahead` in other data; keep it if it ends in a collision that the law changes.
+    """Take an RK4 step without new contacts in other data; keep it if it ends in a collision that the law changes.
 
     Return the status, and whether the step is kept.
     """
     now = World(w.model, trial, w.table, w.nv)
     _go_to_start(now, state, start)
-    look_not_ahead(now, pushing)
+    advance_without_new_contacts(now, pushing)
     mj.fwd_position(w.model, trial)
     mj.fwd_velocity(w.model, trial)
     of_trial, told = zeros(len(sums)), law.outcomes[0] if len(law.outcomes) > 0 else 0.0

@@ -12,13 +12,13 @@ from impactlaw.errors import DivergenceError
 from impactlaw.laws import Law
 from impactlaw.scene.equality_constraints import constraint_kinds
 from impactlaw.stepping.compiled.one_world import OneWorld
-from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums, Told, together
+from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums, LazyEvents, together
 from impactlaw.stepping.integration import empty_state, restore_state
 from impactlaw.stepping.soft.compiled import world
 from impactlaw.stepping.soft.compiled.collide import LAST, SHORT, SUMS
 from impactlaw.stepping.soft.compiled.entry import CONTEXT, TOTAL, entry
 from impactlaw.stepping.soft.compiled.law import coefficients, reason, settings
-from impactlaw.stepping.soft.compiled.told import Replay, Teller, sums_in
+from impactlaw.stepping.soft.compiled.repeated_steps import RepeatedStep, StepRepeater, sums_in
 from impactlaw.stepping.soft.compiled.world import SETTING
 from impactlaw.stepping.soft.scheme import SoftStepping
 
@@ -49,7 +49,7 @@ class CompiledSoftStepping(OneWorld):
         """Adopt the law of the scheme."""
         scheme = self._scheme
         self._coefficients, self._reason = coefficients(scheme), reason(scheme)
-        self._settings, self._teller = settings(scheme), Teller(scheme, CompiledSoftStepping)
+        self._settings, self._repeater = settings(scheme), StepRepeater(scheme, CompiledSoftStepping)
         self._numbers[:2] = self._settings[SETTING.restitution], self._settings[SETTING.sliding]
         self._write_context()
         if self._reason is not None:
@@ -86,9 +86,9 @@ class CompiledSoftStepping(OneWorld):
         """Take the part of a step that follows `mj_step1`, in Python, and return the collisions."""
         return self._scheme.finish(data)
 
-    def step(self, data: mujoco.MjData, steps: int = 1) -> Told:
+    def step(self, data: mujoco.MjData, steps: int = 1) -> LazyEvents:
         """Advance by a number of timesteps, 1 or more, and return their collisions, to be resolved on demand."""
-        parts: list[Told] = []
+        parts: list[LazyEvents] = []
         opened = self._opened()
         if opened is None:
             self._in_python(data, steps, parts)
@@ -107,7 +107,7 @@ class CompiledSoftStepping(OneWorld):
             if self._total[0]:
                 self._scheme.collisions.unlocated += int(self._total[LAST])
                 self._scheme.collisions.short_steps += int(self._total[SHORT])
-                parts.append(Replay(self._teller, self._states[:taken].copy(), self._total))
+                parts.append(RepeatedStep(self._repeater, self._states[:taken].copy(), self._total))
             if how == world.DIVERGED:
                 time = begun + taken * self._model.opt.timestep
                 raise DivergenceError(

@@ -23,19 +23,25 @@ from impactlaw.solvers.cones.algebra.loops import (
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import data_floats, nonzeros_of, number, size, velocity_of
 from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, float_at, floats, int_at, keep, long_at
-from impactlaw.stepping.time_stepping.compiled.borrow import borrow, is_damped
-from impactlaw.stepping.time_stepping.compiled.ends import (
+from impactlaw.stepping.time_stepping.compiled.end_of_step import (
+    correct_end,
     finish,
     limit_energy,
-    look_again,
     update_frames,
     write_acceleration,
     write_forces,
 )
-from impactlaw.stepping.time_stepping.compiled.impulses.contact import count_entries
-from impactlaw.stepping.time_stepping.compiled.impulses.looks import find_impulses
+from impactlaw.stepping.time_stepping.compiled.impulses.contact_problem import count_entries
+from impactlaw.stepping.time_stepping.compiled.impulses.working_set import find_impulses
 from impactlaw.stepping.time_stepping.compiled.limits import hide_far_limits, passes_limit
-from impactlaw.stepping.time_stepping.compiled.middle import find_sizes, look_at_limits, look_farther, outrun, to_middle
+from impactlaw.stepping.time_stepping.compiled.midpoint import (
+    detect_farther,
+    detect_limits,
+    find_sizes,
+    outrun,
+    to_middle,
+)
+from impactlaw.stepping.time_stepping.compiled.model_copy import copy_model, is_damped
 from impactlaw.stepping.time_stepping.compiled.state.law import LawTable
 from impactlaw.stepping.time_stepping.compiled.state.memory import (
     FRAME,
@@ -60,9 +66,9 @@ from impactlaw.stepping.time_stepping.compiled.state.sums import SUMS
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import aim_surfaces, end_surfaces
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World, setting
 from impactlaw.stepping.time_stepping.problem.energy import is_met
+from impactlaw.stepping.time_stepping.problem.gradient_turns import write_turns
 from impactlaw.stepping.time_stepping.problem.solution.scaling import RESERVE
-from impactlaw.stepping.time_stepping.problem.turns import write_turns
-from impactlaw.stepping.time_stepping.tolerances import FARTHER_LOOKS, FEW_ROUNDS, HUGE, MANY_ROUNDS, SHORTFALL_LIMIT
+from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, HUGE, MANY_ROUNDS, SHORTFALL_LIMIT, WIDER_DETECTIONS
 
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 _OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
@@ -107,7 +113,7 @@ def _constrain(
 ):  # fmt: skip
     """Take the rest of a step with constraints, from its middle.
 
-    If the step `may` look farther for contacts and the look was too narrow, the function returns without taking the
+    If the step `may` detect contacts farther away and detection was too narrow, the function returns without taking the
     rest, provided that at least as much work is left as was used of ``work``: otherwise a further attempt would find
     worse impulses.
 
@@ -135,7 +141,7 @@ def _constrain(
     put(data_floats(w, DATA.qpos, len(middle)), middle)  # the integrator changed it: limits need the midpoint
     write_forces(w, rows, answer.x, start, cone, force)
     if touched:
-        if setting(w, SETTING.told) != 0.0:
+        if setting(w, SETTING.sums) != 0.0:
             put(memory[MEMORY.sums : MEMORY.sums + SUMS], floats(room.sums, SUMS))
         write_turns(rows.groups, rows.rates, answer.x, answer.reached, answer.sliding)
         remember(counts, rows, answer.x)
@@ -145,7 +151,7 @@ def _constrain(
     counts[MEMORY.solved] = met and not found.later and not outruns
     status = _end(w, start, middle, answer.shift, solved.opens)
     if status == FINE and touched and met:  # overlaps that are squeezed cannot be opened
-        look_again(w, rows)
+        correct_end(w, rows)
     if status == FINE:
         memory[MEMORY.short_steps] += counts[MEMORY.solved] == 0 or solved.residual > SHORTFALL_LIMIT
         memory[MEMORY.inadmissible] += solved.collided and (solved.share < 1.0 or solved.created > 0.0)
@@ -170,7 +176,7 @@ def _step(w, law, memory, margins, cone, loaded):
     while status == FARTHER:
         n = number(w, DATA.nefc)
         if narrow and passes_limit(w, middle, 2.0 * w.timestep, free, False):
-            full, narrow = look_at_limits(w, start, free, middle) or full, False
+            full, narrow = detect_limits(w, start, free, middle) or full, False
             continue
         if n == 0:
             forget(counts)
@@ -187,14 +193,14 @@ def _step(w, law, memory, margins, cone, loaded):
         room = lay_out(address_of(block), n, entries, nv)[0]
         status, collided, missed = _constrain(
             w, law, memory, counts, held, start, middle, bias, turning, gravity, full, cone, jacobian, chosen, seen,
-            mark, force, room, narrow, farther < FARTHER_LOOKS, allowed,
+            mark, force, room, narrow, farther < WIDER_DETECTIONS, allowed,
         )  # fmt: skip
         keep(block)
         if status == FARTHER:
-            full, narrow, farther = look_farther(w, start, free, middle, margins, work), False, farther + 1
+            full, narrow, farther = detect_farther(w, start, free, middle, margins, work), False, farther + 1
             allowed = floats(w.work, 1)[0]
         elif status == UNSEEN:
-            full, narrow, status = look_at_limits(w, start, free, middle) or full, False, FARTHER
+            full, narrow, status = detect_limits(w, start, free, middle) or full, False, FARTHER
             memory[MEMORY.work] = 1.0 if counts[MEMORY.found_rows] == 0 else memory[MEMORY.found_work]
     if status == FINE:
         if setting(w, SETTING.inertial) != 0.0 and turning.any():
@@ -254,11 +260,11 @@ def advance(
         asked: key of a contact that is not known, (1,), written.
         memory: memory of the world, see `memory.Memory`.
         model: address of room for a copy of the model's structure.
-        margins: room for its margins, `borrow.room`.
+        margins: room for its margins, `model_copy.room`.
         state: room for the state; at the end it holds the state from the start of the step.
         loaded: whether only the state of data is current.
     """
-    cone = borrow(user, model, margins, table, float_at(settings + 8 * SETTING.sticks) != 0.0)
+    cone = copy_model(user, model, margins, table, float_at(settings + 8 * SETTING.sticks) != 0.0)
     h = float_at(model + long_at(table + 8 * MODEL.opt_timestep))
     if not 0.0 < h < np.inf:
         return TIMESTEP

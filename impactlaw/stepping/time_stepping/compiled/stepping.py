@@ -20,14 +20,14 @@ from impactlaw.stepping.compiled.fields import SIZE
 from impactlaw.stepping.compiled.one_world import OneWorld
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import check_input, check_timestep, empty_state
-from impactlaw.stepping.time_stepping.compiled.borrow import room
 from impactlaw.stepping.time_stepping.compiled.entry import CONTEXT, single
+from impactlaw.stepping.time_stepping.compiled.model_copy import room
+from impactlaw.stepping.time_stepping.compiled.repeated_steps import RepeatedStep, StepRepeater
 from impactlaw.stepping.time_stepping.compiled.state import memory, status
 from impactlaw.stepping.time_stepping.compiled.state.law import reason
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import last_motion, put_motion
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING
-from impactlaw.stepping.time_stepping.compiled.told import Replay, Teller
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
 _DATA, _STATUS, _COLLIDED = CONTEXT.data, CONTEXT.status, MEMORY.collided
@@ -45,7 +45,7 @@ class CompiledStepping(OneWorld):
         self._before, self.numbers = np.zeros(self._memory.shape[1]), self._memory[0]
         self._counts, self._told = self.numbers.view(np.int64), memoryview(self.numbers.data)
         self.unlocated = 0
-        self._replay: weakref.ref[Replay] | None = None  # the last collision
+        self._replay: weakref.ref[RepeatedStep] | None = None  # the last collision
         self._structure, self._state = np.zeros(int(self._table[SIZE.model]) // 8), empty_state(model)
         self._margins, self._settings = np.zeros(room(model)), np.zeros(len(SETTING))
         self._carriers, self._bilateral, self._scratch = scheme.carriers, constraint_kinds(model), mujoco.MjData(model)
@@ -54,11 +54,11 @@ class CompiledStepping(OneWorld):
     def _take_over(self) -> None:
         """Adopt the law and the options of the scheme."""
         self._coefficients, self._reason = self._scheme.coefficients(), reason(self._scheme)
-        told = max(self._sums, self._settings[SETTING.told])
+        sums = max(self._sums, self._settings[SETTING.sums])
         self._settings[:] = self._scheme.settings()
-        self._settings[SETTING.told] = told
+        self._settings[SETTING.sums] = sums
         self._inertial = self._scheme.inertial
-        self._teller = Teller(self._scheme, _with_sums, self._settings)
+        self._repeater = StepRepeater(self._scheme, _with_sums, self._settings)
         self._write_context()
         if self._reason is not None:
             load_solvers()
@@ -125,7 +125,7 @@ class CompiledStepping(OneWorld):
             self._write_context()
         if not self._told[_COLLIDED]:
             return ()
-        replay = Replay(self._teller, self, self._state, self._before, self.numbers)
+        replay = RepeatedStep(self._repeater, self, self._state, self._before, self.numbers)
         self._replay = weakref.ref(replay)
         return replay
 

@@ -88,7 +88,7 @@ def creates(rows, after, x):
 
 @plain
 def is_held(rows, g):
-    """Return whether a group is an equality that keeps its velocity in a collision, see `drifts.hold`."""
+    """Return whether a group is an equality that keeps its velocity in a collision, see `hold_constraints`."""
     return rows.groups[2, g] == BILATERAL and rows.rates[4, rows.groups[0, g]] < rows.amounts[1, g]
 
 

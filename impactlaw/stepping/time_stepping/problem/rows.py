@@ -16,7 +16,7 @@ from impactlaw.scene.tolerances import NO_FRICTION
 from impactlaw.solvers.cones import BILATERAL, BOX, CONE
 from impactlaw.solvers.cones.algebra.loops import FLOATS, Array, plain
 from impactlaw.stepping.compiled.whitening import whiten
-from impactlaw.stepping.time_stepping.problem.rest import close_tiny_gaps
+from impactlaw.stepping.time_stepping.problem.tiny_gaps import close_tiny_gaps
 
 NEAR = 1e-5
 """Gap, m or rad, up to which a contact takes part at any velocity."""
@@ -25,7 +25,7 @@ _EQUALITY, _LOSS, _LIMIT, _ELLIPTIC = 0, (1, 2), (3, 4), 7  # mjtConstraint
 
 
 class Known(NamedTuple):
-    """Impulses of an earlier step or phase, from which `contact_problem.guess` and `turns.recall_turns` start.
+    """Impulses of an earlier step or phase, from which `contact_problem.guess` and `gradient_turns.recall_turns` start.
 
     Attributes:
         groups: see `Rows`, like the next one, int32 (4, g).
@@ -56,8 +56,8 @@ class Rows(NamedTuple):
             friction, or the compliance of an equality that does not keep its velocity in a collision.
         rates: for each row, (7, n): the coefficient of friction of a friction row, else 1; ``J v``, the velocity at the
             start of the step, m/s or rad/s; ``J v_free``, the velocity without contact; the velocity at which an
-            equality is satisfied; its compliance R, 0 for rigid rows; and t and d of the last step, see `turns`, NaN if
-            there are none.
+            equality is satisfied; its compliance R, 0 for rigid rows; and t and d of the last step, see
+            `gradient_turns`, NaN if there are none.
     """
 
     sparse: np.ndarray

@@ -8,8 +8,8 @@ from impactlaw.compiled import compiled, for_python
 from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import cleared, plain
 from impactlaw.solvers.cones.rows import trees_of
+from impactlaw.stepping.time_stepping.problem.gradient_turns import SMOOTH
 from impactlaw.stepping.time_stepping.problem.rows import NEAR
-from impactlaw.stepping.time_stepping.problem.turns import SMOOTH
 
 _RESTING = 1e-6
 """Part of the largest contact velocity up to which a closed contact does not separate."""
@@ -81,13 +81,13 @@ keep_closing = for_python(write_closing)
 def contact_targets(groups, amounts, rates, timestep, restitution, slowest, resolved, may):
     """Return the targets of the scheme of Moreau and Jean, and which contacts collide.
 
-    A contact collides if it approaches, ``gamma- < -threshold``, and is closed, or would be before the next look at
-    contacts, ``gap + h gamma_free < 0``. Its target is ``gamma^h = -e gamma-``. Any other contact may close but not
+    A contact collides if it approaches, ``gamma- < -threshold``, and is closed, or would be before the next
+    detection, ``gap + h gamma_free < 0``. Its target is ``gamma^h = -e gamma-``. Any other contact may close but not
     penetrate: ``gamma^h = -gap / h`` if it is open, and 0 if it is closed.
 
-    A persistent contact may approach only because its gradient turns by ``d < 0``, much as in the last step (`turns`).
-    If it approaches more slowly than ``resolved``, it does not collide, and ``-d / 2`` is added to its target, limited
-    to the range from ``-e gamma-`` to ``-gamma-`` so that no energy is created.
+    A persistent contact may approach only because its gradient turns by ``d < 0``, much as in the last step
+    (`gradient_turns`). If it approaches more slowly than ``resolved``, it does not collide, and ``-d / 2`` is added to
+    its target, limited to the range from ``-e gamma-`` to ``-gamma-`` so that no energy is created.
 
     The threshold is the velocity that forces give a contact at rest within a step, ``h |J a|``, but at most
     ``resolved``, and at least ``slowest``: slower collisions are not resolved.

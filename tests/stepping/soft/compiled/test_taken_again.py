@@ -15,7 +15,13 @@ import numpy as np
 import pytest
 
 from impactlaw import Batch, Moreau, Newton, Stepper
-from impactlaw.stepping.soft.look_not_ahead import contact_forces, is_plain, keep_start, look_not_ahead, put_start
+from impactlaw.stepping.soft.without_new_contacts import (
+    advance_without_new_contacts,
+    contact_forces,
+    is_plain,
+    keep_start,
+    put_start,
+)
 
 BALL = """<mujoco><option timestep="0.01" integrator="RK4" gravity="0 0 0"/><worldbody>
   <geom name="floor" type="plane" size="3 3 1"/>
@@ -147,7 +153,7 @@ def test_what_is_kept_of_the_start_of_a_step_is_all_that_it_is_taken_again_from(
         put_start(other, keep_start(data, touches=touches))
         pushing = contact_forces(model, data) if touches else None
         for one in (again, other):
-            look_not_ahead(model, one, pushing=pushing)
+            advance_without_new_contacts(model, one, pushing=pushing)
         for name in ("qpos", "qvel", "act", "time", "qacc_warmstart"):
             np.testing.assert_array_equal(getattr(other, name), getattr(again, name), err_msg=name)
     assert seen > 20

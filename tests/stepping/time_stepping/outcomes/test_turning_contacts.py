@@ -8,8 +8,8 @@ from stepping.time_stepping.stepped import FLOOR, stepping
 
 from impactlaw import Moreau, Poisson
 from impactlaw.solvers.cones import CONE
+from impactlaw.stepping.time_stepping.problem.gradient_turns import keep_sticking, take_turns
 from impactlaw.stepping.time_stepping.problem.targets import contact_targets
-from impactlaw.stepping.time_stepping.problem.turns import keep_sticking, take_turns
 from impactlaw.stepping.time_stepping.tolerances import RESOLVED, REST_SPEED
 
 BOB = '<site name="hook"/><body pos="0 0 -1"><freejoint/><geom size=".05" mass="1"/><site name="bob"/></body>'

@@ -7,7 +7,7 @@ from typing import Any, cast
 import numba
 import numpy as np
 
-from impactlaw.stepping.soft.compiled.contacts.found import Found
+from impactlaw.stepping.soft.compiled.contacts.active_contacts import ActiveContacts
 from impactlaw.stepping.soft.compiled.contacts.rows import Rows
 from impactlaw.stepping.soft.compiled.world import Law, World
 
@@ -16,5 +16,5 @@ _FLOATS, _KEYS, _SHORT = np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int3
 WORLD = typeof(World(0, 0, 0, 0))
 LAW = typeof(Law(0.0, 0.0, True, True, True, 0.0, 0, _KEYS, _FLOATS, _KEYS, _FLOATS, np.zeros(0, np.uint8)))
 BYTES = typeof(np.zeros(0, np.uint8))
-FOUND = typeof(Found(_KEYS, _KEYS, _KEYS))
+FOUND = typeof(ActiveContacts(_KEYS, _KEYS, _KEYS))
 ROWS = typeof(Rows(_KEYS, _SHORT, _SHORT, _SHORT, _SHORT, _SHORT, _FLOATS))

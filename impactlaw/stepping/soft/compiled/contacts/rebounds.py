@@ -6,7 +6,7 @@ from impactlaw.solvers.cones.algebra.loops import numbers, once, plain
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import contact_ints, data_at, data_floats, number, offset, rows_of
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, float_at, keep
-from impactlaw.stepping.soft.compiled.contacts.found import find, normal_velocities
+from impactlaw.stepping.soft.compiled.contacts.active_contacts import find, normal_velocities
 from impactlaw.stepping.soft.tolerances import STILL, UNDERDAMPED
 
 

@@ -29,7 +29,7 @@ class Rows(NamedTuple):
     """Whitened rows of k contacts: for each contact the normal, then friction rows times their coefficients.
 
     Attributes:
-        of: index of each contact in `Found`, int64 (k,).
+        of: index of each contact in `ActiveContacts`, int64 (k,).
         first: first row of each contact, int32 (k,).
         sizes: number of rows of each contact, int32 (k,).
         nnz: number of entries of each row, int32 (n,).

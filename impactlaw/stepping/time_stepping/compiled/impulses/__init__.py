@@ -1,1 +1,1 @@
-"""The contact problem of a compiled step: solved once, collisions one after another, and looks for contacts."""
+"""The contact problem of a compiled step: solved once, collisions one after another, and the working set."""

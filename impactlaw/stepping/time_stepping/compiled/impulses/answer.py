@@ -14,12 +14,12 @@ from impactlaw.stepping.time_stepping.compiled.state.kinds import typeof
 from impactlaw.stepping.time_stepping.compiled.state.law import ask_law, reverse
 from impactlaw.stepping.time_stepping.compiled.state.status import CREATES, FINE, NOT_FINITE
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
-from impactlaw.stepping.time_stepping.problem.drifts import hold_constraints
+from impactlaw.stepping.time_stepping.problem.drifting_equalities import hold_constraints
+from impactlaw.stepping.time_stepping.problem.gradient_turns import write_sliding
 from impactlaw.stepping.time_stepping.problem.phases import find_later
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import Aims, Method
 from impactlaw.stepping.time_stepping.problem.solution.resolve import resolve
 from impactlaw.stepping.time_stepping.problem.targets import aim, close_gaps
-from impactlaw.stepping.time_stepping.problem.turns import write_sliding
 from impactlaw.stepping.time_stepping.tolerances import RESOLVED
 
 _APART = np.bool_(False)  # laws in compiled code couple only contacts that influence each other

@@ -11,7 +11,7 @@ from impactlaw.laws.tolerances import INFLUENCE
 from impactlaw.solvers.cones.algebra.loops import cleared, indices, kernel, zeros
 from impactlaw.stepping.compiled import law_table
 from impactlaw.stepping.time_stepping.compiled.state.status import FINE, UNKNOWN
-from impactlaw.stepping.time_stepping.problem.drifts import square_of
+from impactlaw.stepping.time_stepping.problem.drifting_equalities import square_of
 from impactlaw.stepping.time_stepping.problem.targets import reached_groups
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 

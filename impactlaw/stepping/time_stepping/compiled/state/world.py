@@ -25,7 +25,7 @@ class Settings(NamedTuple):
     restitution: int = 8  # e if it is the same for all contacts; else NaN
     reversal: int = 9  # e of a law that reverses contact velocities along the contacts' order; else NaN
     surfaces: int = 10  # whether mocap bodies move during a step, and meet other bodies, see `surfaces`; else 0
-    told: int = 11  # 1 if sums over collisions are asked for
+    sums: int = 11  # 1 if sums over collisions are asked for
     stands: int = 12  # 1 if cylinders can stand on planes
 
 

@@ -23,7 +23,7 @@ from impactlaw.stepping.time_stepping.problem.solution.contact_problem import (
     guess,
     shortfall,
 )
-from impactlaw.stepping.time_stepping.problem.solution.driven import solve_undriven
+from impactlaw.stepping.time_stepping.problem.solution.driving_equalities import solve_undriven
 
 _MARKS = types.boolean[::1]
 _KNOWN = types.Tuple((types.int32[:, ::1], types.int64[::1], FLOATS, FLOATS))
@@ -130,7 +130,7 @@ def resolve_step(rows, aims, bound, known, timestep, dissipative, together, meth
     Args:
         rows: the rows that take part.
         aims: what the step asks of them.
-        bound: equality constraints that do not drive the collision, see `driven`, bool (g,).
+        bound: equality constraints that do not drive the collision, see `driving_equalities`, bool (g,).
         known: impulses to start from.
         timestep: h, s.
         dissipative: whether restitution is scaled as needed so that it creates no energy.

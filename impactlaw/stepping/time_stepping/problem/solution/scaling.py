@@ -89,7 +89,7 @@ def largest_share(rows, aims, known, dissipative, method):
         put(rates_alone[i], rates[1 if i == 2 else i])
     for g in range(len(aims.target)):
         row = rows.groups[0, g]
-        if rows.groups[2, g] == BILATERAL and rates[3, row] != -rates[1, row]:  # otherwise it is a stop, see `driven`
+        if rows.groups[2, g] == BILATERAL and rates[3, row] != -rates[1, row]:  # else a stop, see `driving_equalities`
             rates_alone[3, row] = rates[1, row]
     alone = Rows(rows.sparse, rows.colind, rows.value, rows.groups, rows.key, rows.amounts, rates_alone)
     s, gained = _largest(alone, aims, 1.0, 0.0, _SEARCHES if dissipative else 1, method, found)
@@ -164,7 +164,7 @@ def scale_down(rows, aims, dissipative, reserve, method, whole, found):
         found: the solution that it has written; overwritten.
 
     Returns:
-        The result of `apart.solve_contacts`.
+        The result of `by_islands.solve_contacts`.
     """
     (residual, failed, jammed), s, created, rounds = whole, 1.0, 0.0, method.rounds
     some, groups = has_restitution(rows.groups, aims), rows.groups

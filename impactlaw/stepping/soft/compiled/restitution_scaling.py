@@ -33,10 +33,10 @@ from impactlaw.solvers.cones.solve import linked_improve
 from impactlaw.solvers.friction import problem
 from impactlaw.stepping.compiled.access import model_ints
 from impactlaw.stepping.compiled.fields import MODEL
-from impactlaw.stepping.soft.compiled.alone import solve_alone
 from impactlaw.stepping.soft.compiled.contacts.kinds import ROWS, WORLD, typeof
 from impactlaw.stepping.soft.compiled.contacts.rows import influenced
 from impactlaw.stepping.soft.compiled.contacts.work import most_gained, work_of_each
+from impactlaw.stepping.soft.compiled.single_contact import solve_alone
 
 Array = np.ndarray[Any, Any]
 
@@ -51,7 +51,7 @@ _NONE = np.inf  # created energy if no impulses were found
 _next_share = plain(share.next_share)
 
 
-class Wanted(NamedTuple):
+class CollisionProblem(NamedTuple):
     """The data of a collision problem.
 
     Attributes:
@@ -70,7 +70,7 @@ class Wanted(NamedTuple):
     speed: float
 
 
-_WANTED = typeof(Wanted(True, np.zeros(0), np.zeros(0), np.zeros(0), 0.0))
+_PROBLEM = typeof(CollisionProblem(True, np.zeros(0), np.zeros(0), np.zeros(0), 0.0))
 
 
 @kernel
@@ -96,29 +96,29 @@ def _sharpness(rows, members, firsts, sizes, compliance, b, velocity):
 
 
 @kernel
-def _solve(w, rows, members, wanted, s, x, z):
+def _solve(w, rows, members, problem, s, x, z):
     """Improve a guess x of impulses, (n,), for a share s of restitution, write their jump z; return the natural map."""
     n, k, b, residual, left = len(x), len(members), numbers(len(x)), np.inf, numbers(1)
     for i in range(n):
-        b[i] = wanted.before[i] + s * wanted.restored[i]
+        b[i] = problem.before[i] + s * problem.restored[i]
     first, count = rows.first[members[0]], rows.sizes[members[0]]
-    if k == 1 and count <= 3 and (wanted.exact or count == 1):
+    if k == 1 and count <= 3 and (problem.exact or count == 1):
         if solve_alone(rows, first, count, b, indices(3), numbers(24), x, z):
             return 0.0
     tree, firsts, sizes = model_ints(w, MODEL.dof_treeid, w.nv), rows.first[members], rows.sizes[members]
     kinds, bounds, compliance = np.full(k, CONE, np.int32), zeros(k), zeros(n)
-    sharp = _sharpness(rows, members, firsts, sizes, compliance, b, wanted.velocity)
+    sharp = _sharpness(rows, members, firsts, sizes, compliance, b, problem.velocity)
     for attempt in range(_AGAIN):
         before, left[0] = residual, 1.0
         residual, _ = linked_improve(
-            rows.nnz, rows.adr, rows.col, rows.val, tree, firsts, sizes, kinds, bounds, compliance, b, wanted.exact,
+            rows.nnz, rows.adr, rows.col, rows.val, tree, firsts, sizes, kinds, bounds, compliance, b, problem.exact,
             sharp * _TOLERANCE, 0 if attempt == 0 else _ROUNDS, left, x, z,
         )  # fmt: skip
         residual /= sharp
         if residual <= ENOUGH or not residual < _WORTH_IT * before:
             break
         if attempt == 0 and linked_retry(
-            rows.nnz, rows.adr, rows.col, rows.val, tree, firsts, sizes, kinds, bounds, compliance, b, wanted.exact,
+            rows.nnz, rows.adr, rows.col, rows.val, tree, firsts, sizes, kinds, bounds, compliance, b, problem.exact,
             sharp * _TOLERANCE, x,
         ):  # fmt: skip
             break
@@ -126,9 +126,9 @@ def _solve(w, rows, members, wanted, s, x, z):
 
 
 @plain
-def _created(wanted, done, z, residual):
+def _created(problem, done, z, residual):
     """Return the energy that contacts create, relative to the kinetic energy, less what may be rounding."""
-    total, speed = 0.0, max(wanted.speed, norm(z))
+    total, speed = 0.0, max(problem.speed, norm(z))
     for work in done:
         total += work
     if not residual <= ENOUGH:
@@ -137,22 +137,22 @@ def _created(wanted, done, z, residual):
 
 
 @kernel
-def _attempt(w, rows, members, wanted, s, x, z):
+def _attempt(w, rows, members, problem, s, x, z):
     """Do what `_solve` does, and also return the created energy."""
-    residual, done = _solve(w, rows, members, wanted, s, x, z), numbers(len(members))
-    work_of_each(rows, members, x, z, wanted.before, 0.0, done)
-    return residual, _created(wanted, done, z, residual)
+    residual, done = _solve(w, rows, members, problem, s, x, z), numbers(len(members))
+    work_of_each(rows, members, x, z, problem.before, 0.0, done)
+    return residual, _created(problem, done, z, residual)
 
 
 @kernel
-def _largest(w, rows, group, wanted, created, x):
+def _largest(w, rows, group, problem, created, x):
     """Write impulses, (n,), with the largest share of restitution that creates no energy; return natural map and share.
 
     All restitution would create the energy `created`.
     """
     clear(x)
     z, low, high, third, above = zeros(w.nv), 0.0, 1.0, np.nan, created + AIM
-    best, below = _attempt(w, rows, group, wanted, 0.0, x, z)
+    best, below = _attempt(w, rows, group, problem, 0.0, x, z)
     below, beyond, stalled = below + AIM, np.nan, False
     if not best <= ENOUGH or created == _NONE:
         return best, 0.0
@@ -162,7 +162,7 @@ def _largest(w, rows, group, wanted, created, x):
             break
         s = _next_share(low, high, third, below, above, beyond, stalled)
         trial[:] = x
-        residual, missed = _attempt(w, rows, group, wanted, s, trial, z)
+        residual, missed = _attempt(w, rows, group, problem, s, trial, z)
         missed += AIM
         stalled = abs(missed) > 0.5 * min(abs(below), above)
         if missed > AIM:
@@ -176,14 +176,14 @@ def _largest(w, rows, group, wanted, created, x):
 
 
 @kernel
-def _of_group(w, rows, group, wanted, is_whole, solved, done, z, x):
+def _of_group(w, rows, group, problem, is_whole, solved, done, z, x):
     """Write impulses, (n,), of a group of contacts that influence no others, with all restitution or a share of it.
 
     Args:
         w: the world.
         rows: the whitened rows.
         group: the contacts, int64.
-        wanted: see `Wanted`.
+        problem: see `CollisionProblem`.
         is_whole: whether the group contains all contacts.
         solved: natural map of the solution for all contacts with all restitution.
         done: work of each contact of the group in that solution.
@@ -193,24 +193,24 @@ def _of_group(w, rows, group, wanted, is_whole, solved, done, z, x):
     Returns:
         The natural map, and the share of restitution.
     """
-    created = _created(wanted, done, z, solved)
+    created = _created(problem, done, z, solved)
     if created == _NONE and not is_whole:
         own = zeros(w.nv)
         clear(x)
-        solved, created = _attempt(w, rows, group, wanted, 1.0, x, own)
+        solved, created = _attempt(w, rows, group, problem, 1.0, x, own)
     if ENOUGH < solved <= _ALMOST:
         return solved, 1.0
     restored = False
     for g in group:
         for i in range(rows.first[g], rows.first[g] + rows.sizes[g]):
-            restored = restored or wanted.restored[i] != 0.0
+            restored = restored or problem.restored[i] != 0.0
     if created <= 0.0 or not restored:
         return solved, 1.0
-    return _largest(w, rows, group, wanted, created, x)
+    return _largest(w, rows, group, problem, created, x)
 
 
 @kernel
-def _in_groups(w, rows, members, wanted, solved, done, z, x):
+def _in_groups(w, rows, members, problem, solved, done, z, x):
     """Do what `_of_group` does for each group of contacts; return the largest natural map and the least share."""
     n, k, share, worst = len(x), len(rows.of), 1.0, 0.0
     whole, own, work, seen, queue = copied(x), numbers(n), zeros(k), cleared(k), indices(k)
@@ -227,32 +227,32 @@ def _in_groups(w, rows, members, wanted, solved, done, z, x):
             for i in range(rows.first[other], rows.first[other] + rows.sizes[other]):
                 own[i] = whole[i]
         is_whole = len(group) == len(members)
-        residual, s = _of_group(w, rows, group, wanted, is_whole, solved, work[group], z, own)
+        residual, s = _of_group(w, rows, group, problem, is_whole, solved, work[group], z, own)
         worst, share = max(worst, residual), min(share, s)
         for i in range(n):
             x[i] += own[i]
     return worst, share
 
 
-@linked(types.UniTuple(types.float64, 2)(WORLD, ROWS, INTEGERS, _WANTED, FLOATS, FLOATS))
-def find_impulses(w, rows, members, wanted, x, z):
+@linked(types.UniTuple(types.float64, 2)(WORLD, ROWS, INTEGERS, _PROBLEM, FLOATS, FLOATS))
+def find_impulses(w, rows, members, problem, x, z):
     """Write impulses and their velocity jump; return the natural map and the least share of restitution of a group.
 
     Args:
         w: the world.
         rows: the whitened rows.
         members: contacts that take part, int64 (k,).
-        wanted: see `Wanted`.
+        problem: see `CollisionProblem`.
         x: impulses, zeros before, (n,), written.
         z: velocity jump, zeros before, (nv,), written.
     """
-    residual, done = _solve(w, rows, members, wanted, 1.0, x, z), numbers(len(members))
-    work_of_each(rows, members, x, z, wanted.before, 0.0, done)
+    residual, done = _solve(w, rows, members, problem, 1.0, x, z), numbers(len(members))
+    work_of_each(rows, members, x, z, problem.before, 0.0, done)
     if residual <= ENOUGH:
-        larger = max(wanted.speed, norm(z))
+        larger = max(problem.speed, norm(z))
         allowed = 0.5 * (CREATED + 4.0 * residual) * larger * larger
         if most_gained(rows, members, done, allowed, w.nv) <= allowed:
             return residual, 1.0
-    residual, share = _in_groups(w, rows, members, wanted, residual, done, z, x)
+    residual, share = _in_groups(w, rows, members, problem, residual, done, z, x)
     impulse_jump(rows.nnz, rows.adr, rows.col, rows.val, x, z)
     return residual, share

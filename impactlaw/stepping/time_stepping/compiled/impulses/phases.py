@@ -71,7 +71,7 @@ def _meet(w, rows, metric, before, known, rounds, law, may, more, block, sums):
         known, rounds = Known(part.groups, part.key, part.rates[0], answer.x.copy(), part.rates[5:]), FEW_ROUNDS
         part, place = some_groups(rows, kept)
         allowed = _those(may, kept)
-    if solved.status == FINE and solved.collided and setting(w, SETTING.told) != 0.0:
+    if solved.status == FINE and solved.collided and setting(w, SETTING.sums) != 0.0:
         add_collision(w, part, answer, solved.share, metric, before, sums)
     return solved, answer, place, later, waiting
 

@@ -16,9 +16,9 @@ from impactlaw.stepping.compiled.access import (
     velocity_of,
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA
-from impactlaw.stepping.compiled.ties import leave_tied_out
+from impactlaw.stepping.compiled.tied_contacts import leave_tied_out
 from impactlaw.stepping.time_stepping.compiled.impulses.answer import NO_ANSWER, Solved, goes_on, lost, scalable, solve
-from impactlaw.stepping.time_stepping.compiled.impulses.phased import resolve_in_phases
+from impactlaw.stepping.time_stepping.compiled.impulses.phases import resolve_in_phases
 from impactlaw.stepping.time_stepping.compiled.state.kinds import (
     BOOLEAN,
     INTEGER,
@@ -36,10 +36,10 @@ from impactlaw.stepping.time_stepping.compiled.state.sums import add_collision
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import add_surfaces, surfaces_move
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, metric_of, setting
 from impactlaw.stepping.time_stepping.problem.energy import add_before
-from impactlaw.stepping.time_stepping.problem.rest import TOUCHING
+from impactlaw.stepping.time_stepping.problem.gradient_turns import write_recalled
 from impactlaw.stepping.time_stepping.problem.rows import KNOWN, Source, count_groups, entries_of, find_near, write_rows
 from impactlaw.stepping.time_stepping.problem.targets import write_closing
-from impactlaw.stepping.time_stepping.problem.turns import write_recalled
+from impactlaw.stepping.time_stepping.problem.tiny_gaps import TOUCHING
 
 
 class Outcome(NamedTuple):
@@ -120,7 +120,7 @@ def _resolve(w, rows, metric, start, free, known, rounds, law, answer, sums):
     if solved.status != FINE:
         return solved, False
     cut = cut or lost(w, solved)
-    if setting(w, SETTING.told) != 0.0:
+    if setting(w, SETTING.sums) != 0.0:
         clear(sums)
         if solved.collided:
             add_collision(w, rows, answer, solved.share, metric, start, sums)

@@ -1,4 +1,4 @@
-"""Find contacts and solve the problem in turn, as in `looks`, in compiled code; the energy of a collision."""
+"""Find the impulses of a step by a working set, in compiled code, see `working_set`; the energy of a collision."""
 
 from __future__ import annotations
 
@@ -8,7 +8,13 @@ from impactlaw.solvers.cones.algebra.loops import clear, once, plain, put
 from impactlaw.stepping.compiled.access import velocity_of
 from impactlaw.stepping.compiled.fields import floats
 from impactlaw.stepping.time_stepping.compiled.impulses.answer import Solved
-from impactlaw.stepping.time_stepping.compiled.impulses.contact import Outcome, attempt, near, sees_more, take_over
+from impactlaw.stepping.time_stepping.compiled.impulses.contact_problem import (
+    Outcome,
+    attempt,
+    near,
+    sees_more,
+    take_over,
+)
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import created, forces_at, half, kick, lead_to
 from impactlaw.stepping.time_stepping.compiled.limits import passes_limit
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, remember_so_far
@@ -19,7 +25,7 @@ from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setti
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, SMALL_PART
 from impactlaw.stepping.time_stepping.problem.energy import is_met
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import TOLERANCE
-from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, LOOKS, PHASE_LOOK_ROWS, PHASE_LOOKS
+from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, PHASE_SET_ROWS, PHASE_SETS, SETS
 
 _UNSEEN = Solved(False, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, UNSEEN, 0.0)
 _FEW, _AT_ONCE = np.int64(FEW_ROUNDS), np.bool_(False)
@@ -37,7 +43,7 @@ def _again(w, law, start, moved, free, jacobian, chosen, mark, room, found, phas
 
 @plain
 def _keep(w, memory, room, found):
-    """Keep the result of the first look, from which a step that is taken again for a limit continues."""
+    """Keep the result of the first working set, from which a step that is taken again for a limit continues."""
     if found.solved.residual <= TOLERANCE and found.solved.share == 1.0:
         rows = rows_at(room.rows, found.groups, found.rows, room.entries)
         last = answer_at(room.answer, found.groups, found.rows, w.nv)
@@ -69,7 +75,7 @@ def find_impulses(
         room: see `state.room`.
         narrow: whether limits of joints were left out; the status is `UNSEEN` if one of them would be passed.
     """
-    h, qvel, free, look, phases = w.timestep, velocity_of(w), velocities_at(room, 0, 1), 1, _AT_ONCE
+    h, qvel, free, sets, phases = w.timestep, velocity_of(w), velocities_at(room, 0, 1), 1, _AT_ONCE
     still, unseen, begun = free[:0], False, floats(w.work, 1)[0]
     put(free, qvel)
     near(w, jacobian, start, free, 2.0 * h, chosen)
@@ -79,12 +85,12 @@ def find_impulses(
     while found.rows > 0 and found.solved.status == FINE:
         shift = answer_at(room.answer, found.groups, found.rows, w.nv).shift
         if narrow and passes_limit(w, middle, h, shift, found.solved.opens):
-            if look == 1:
+            if sets == 1:
                 _keep(w, memory, room, found)
             return Outcome(0, 0, _UNSEEN, False)
         near(w, jacobian, qvel, qvel, h, seen)
-        more, unseen = look < LOOKS + PHASE_LOOKS, sees_more(chosen, seen)
-        allowed = found.rows <= PHASE_LOOK_ROWS if phases else look < LOOKS
+        more, unseen = sets < SETS + PHASE_SETS, sees_more(chosen, seen)
+        allowed = found.rows <= PHASE_SET_ROWS if phases else sets < SETS
         met = is_met(found.solved.missed, found.solved.fastest)
         if more and unseen and allowed:
             take_over(chosen, seen)
@@ -93,9 +99,9 @@ def find_impulses(
             phases = unseen or found.later
         else:
             break
-        if look == 1:
+        if sets == 1:
             _keep(w, memory, room, found)
-        look += 1
+        sets += 1
         found = _again(w, law, start, still, free, jacobian, chosen, mark, room, found, phases)
     if found.solved.status == FINE:  # else there is no answer yet
         found = _less_energy(w, law, start, bias, turning, gravity, free, jacobian, chosen, mark, room, found, phases)

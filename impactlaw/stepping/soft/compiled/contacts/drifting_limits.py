@@ -1,4 +1,4 @@
-"""Limits that close because equality constraints drift, in compiled code; see `soft.drifting`."""
+"""Limits that close because equality constraints drift, in compiled code; see `soft.drifting_limits`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from impactlaw.scene.equality_constraints import CALM, DRIFT, HELD_BY_DRIFT
 from impactlaw.solvers.cones.algebra.loops import FIRST, FLOATS, dot, numbers, plain
 from impactlaw.stepping.compiled.access import inertia_of, jacobian_of, number, velocity_of
 from impactlaw.stepping.compiled.fields import DATA
-from impactlaw.stepping.compiled.ties import leave_out
+from impactlaw.stepping.compiled.tied_contacts import leave_out
 from impactlaw.stepping.compiled.whitening import whitened
 from impactlaw.stepping.soft.compiled.contacts.equalities import span, whitened_row
 from impactlaw.stepping.soft.compiled.contacts.kinds import BYTES, FOUND, WORLD

@@ -1,4 +1,4 @@
-"""Joints that damping all but locks, in compiled code: contact acts on the inertia ``M + h D``, see `one_inertia`."""
+"""Joints that damping all but locks, in compiled code: contact acts on ``M + h D``, see `soft.locked_joints`."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def locks(w):
 
 @plain
 def takes_forces(w):
-    """Return whether MuJoCo computes forces from the mass matrix of data alone; see `one_inertia.added_inertia`."""
+    """Return whether MuJoCo computes forces from the mass matrix of data alone; see `locked_joints.added_inertia`."""
     return option(w, MODEL.opt_solver) != _PGS and option(w, MODEL.opt_noslip_iterations) == 0
 
 

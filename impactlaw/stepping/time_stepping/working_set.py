@@ -1,4 +1,4 @@
-"""Find contacts and solve their problem in turn, as long as the resulting velocity closes contacts left out."""
+"""Find the impulses of a step by a working set of contacts; it grows by those that the resulting velocity closes."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from impactlaw.stepping.time_stepping.contact_impulses import ContactProblem, St
 from impactlaw.stepping.time_stepping.events import StepImpulses
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, SMALL_PART, InertialForces
 from impactlaw.stepping.time_stepping.problem.energy import move_rows
+from impactlaw.stepping.time_stepping.problem.gradient_turns import recall_turns
 from impactlaw.stepping.time_stepping.problem.reader import RowReader
 from impactlaw.stepping.time_stepping.problem.rows import Known, Rows
 from impactlaw.stepping.time_stepping.problem.targets import keep_closing
-from impactlaw.stepping.time_stepping.problem.turns import recall_turns
 from impactlaw.stepping.time_stepping.tolerances import (
     FEW_ROUNDS,
-    LOOKS,
-    PHASE_LOOK_ROWS,
-    PHASE_LOOKS,
+    PHASE_SET_ROWS,
+    PHASE_SETS,
+    SETS,
     SHORTFALL_LIMIT,
     is_met,
 )
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
-    """The result of one look."""
+class Outcome:
+    """The result of the problem of one working set."""
 
     rows: Rows  # rows that take part, possibly none
     impulses: StepImpulses | None  # impulses and velocities of contact; None without rows
-    known: Known | None  # impulses, a guess for the next look or step
+    known: Known | None  # impulses, a guess for the next working set or step
     unseen: bool = False  # whether contacts are left out that the resulting velocity would close
 
     @property
@@ -59,7 +59,7 @@ class Look:
 
 
 @dataclass(frozen=True, eq=False)
-class Looks:
+class WorkingSet:
     """Finds the effect of contact in one step."""
 
     model: mujoco.MjModel  # the scene
@@ -74,32 +74,32 @@ class Looks:
     phases: bool = False  # whether contacts may collide one after another
     moved: np.ndarray | None = None  # added to the velocity before a collision, (nv,), see `inertial_forces`
 
-    def find(self, data: mujoco.MjData, known: Known | None) -> Look:
-        """Add the effect of contact to the velocity of data, and return the result of the last look.
+    def find(self, data: mujoco.MjData, known: Known | None) -> Outcome:
+        """Add the effect of contact to the velocity of data, and return the result of the last working set.
 
-        Contacts that are far from closing are left out; if the resulting velocity would close one of them, it takes
-        part in the next look. If contacts are hit only through others, the others collide first, which may close
-        further contacts. The same is tried if a few looks do not find everything that closes. If Coriolis and
+        Contacts that are far from closing are left out; if the resulting velocity would close one of them, it joins
+        the next working set. If contacts are hit only through others, the others collide first, which may close
+        further contacts. The same is tried if a few sets do not hold everything that closes. If Coriolis and
         gyroscopic forces create energy because of a collision, the collision is put between two half steps.
         """
         free, h, begun = data.qvel.copy(), self.model.opt.timestep, self.work[0]
-        near, look = self.reader.near(data, self.velocity, free, 2.0 * h), 1
-        found, looks = self._try(data, near, free, known), replace(self, rounds=FEW_ROUNDS)
+        near, sets = self.reader.near(data, self.velocity, free, 2.0 * h), 1
+        found, current = self._try(data, near, free, known), replace(self, rounds=FEW_ROUNDS)
         while True:
             new = self.reader.near(data, data.qvel, data.qvel, h) & ~near
-            more, unseen = look < LOOKS + PHASE_LOOKS, bool(np.count_nonzero(new))
-            allowed = len(found.rows.row) <= PHASE_LOOK_ROWS if looks.phases else look < LOOKS
+            more, unseen = sets < SETS + PHASE_SETS, bool(np.count_nonzero(new))
+            allowed = len(found.rows.row) <= PHASE_SET_ROWS if current.phases else sets < SETS
             if more and unseen and allowed:
                 near = near | new
-            elif more and (unseen or found.loses) and found.met and not looks.phases and 2.0 * self.work[0] > begun:
-                near, looks = near | new, replace(looks, phases=True)
+            elif more and (unseen or found.loses) and found.met and not current.phases and 2.0 * self.work[0] > begun:
+                near, current = near | new, replace(current, phases=True)
             else:
                 break
-            look += 1
-            found = looks._try(data, near, free, found.known)
-        return replace(looks._lose_energy(data, near, free, found), unseen=unseen)
+            sets += 1
+            found = current._try(data, near, free, found.known)
+        return replace(current._lose_energy(data, near, free, found), unseen=unseen)
 
-    def _lose_energy(self, data: mujoco.MjData, near: np.ndarray, free: np.ndarray, found: Look) -> Look:
+    def _lose_energy(self, data: mujoco.MjData, near: np.ndarray, free: np.ndarray, found: Outcome) -> Outcome:
         """Put a collision between two half steps if it creates energy together with inertial forces."""
         forces, metric, v, h = self.inertial, self.metric, self.velocity, self.model.opt.timestep
         if found.impulses is None or not found.impulses.collisions or not forces.act:
@@ -112,15 +112,15 @@ class Looks:
         begin, begins = forces.half(data, v, gravity, metric, -h)
         end, ends = forces.half(data, data.qvel, gravity, metric, h)
         for _ in range(ROUNDS if begins and ends else 0):
-            looks = replace(self, moved=forces.kick(np.zeros_like(v), end - begin, metric, 0.5 * h))
+            moved = replace(self, moved=forces.kick(np.zeros_like(v), end - begin, metric, 0.5 * h))
             free = forces.lead_to(data, v, gravity + 0.5 * (begin + end), metric, h)
-            found = looks._try(data, near, free, found.known, found.collided)
+            found = moved._try(data, near, free, found.known, found.collided)
             used, (end, _) = end, forces.half(data, data.qvel, gravity, metric, h)
             mean = forces.kick(data.qvel, end, metric, 0.25 * h)
             work, rounding = (found.impulses.work, found.impulses.rounding) if found.impulses else (0.0, 0.0)
             created = self._size(work + 0.5 * h * float(mean @ (end - used)))
             if created < best[2]:
-                best = looks, free, created
+                best = moved, free, created
             if not rounding < created < 0.5 * was:
                 break
             was = created
@@ -139,11 +139,11 @@ class Looks:
         free: np.ndarray,
         known: Known | None,
         collided: np.ndarray | None = None,
-    ) -> Look:
+    ) -> Outcome:
         """Solve the problem of the rows that are near; between half steps, the same contacts collide as before."""
         rows = self.reader.read(data, near, self.velocity, free, self.metric)
         if not len(rows.key):
-            return Look(rows, None, known)
+            return Outcome(rows, None, known)
         if known is not None:
             recall_turns(rows.groups, rows.key, rows.rates, known.groups, known.key, known.turns)
         before = self.velocity
@@ -155,4 +155,4 @@ class Looks:
         step = Start(data, before, free, self.middle, self.metric, self.work)
         found = self.problem.find(step, rows, known, self.rounds, phases=self.phases)
         data.qvel[:] = found.velocity
-        return Look(rows, found, rows.known(found.impulse))
+        return Outcome(rows, found, rows.known(found.impulse))

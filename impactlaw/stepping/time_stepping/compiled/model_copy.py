@@ -21,11 +21,11 @@ from impactlaw.stepping.compiled.fields import (
     put_int,
     put_long,
 )
-from impactlaw.stepping.time_stepping import borrowed
+from impactlaw.stepping.time_stepping import temporary_options
 
-_OFF, _ON = borrowed.OFF, borrowed.ON
-_EULER, _RK4, _FAST = borrowed.EULER, borrowed.RK4, borrowed.FAST
-_ELLIPTIC, _NEWTON = borrowed.ELLIPTIC, borrowed.NEWTON
+_OFF, _ON = temporary_options.OFF, temporary_options.ON
+_EULER, _RK4, _FAST = temporary_options.EULER, temporary_options.RK4, temporary_options.FAST
+_ELLIPTIC, _NEWTON = temporary_options.ELLIPTIC, temporary_options.NEWTON
 _NO_DAMPING = int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP) | int(mujoco.mjtDisableBit.mjDSBL_DAMPER)
 _POLYNOMIAL = 2  # number of coefficients of each degree of freedom, MuJoCo's mjNPOLY
 
@@ -41,7 +41,7 @@ def _at(table, place):
 
 
 @plain
-def borrow(user, model, margins, table, sticks):
+def copy_model(user, model, margins, table, sticks):
     """Write the copy of a model for one step, and return the kind of friction cone that the user has chosen.
 
     Args:

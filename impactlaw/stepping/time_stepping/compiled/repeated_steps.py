@@ -25,7 +25,7 @@ from impactlaw.stepping.time_stepping.tolerances import SLOWEST
 _SAME = 1e-4  # largest deviation of the velocity after the repeated step, relative to the largest velocity
 
 
-class Teller:
+class StepRepeater:
     """Repeats steps under one law: in compiled code for sums, in Python for events."""
 
     def __init__(self, scheme: TimeStepping, compile: Callable[[TimeStepping], Any], settings: np.ndarray):
@@ -43,7 +43,7 @@ class Teller:
     @property
     def finds_sums(self) -> bool:
         """Whether steps are to compute sums from now on."""
-        return bool(self._settings[SETTING.told])
+        return bool(self._settings[SETTING.sums])
 
     def told(self, numbers: np.ndarray) -> ImpactSums | None:
         """Return the sums that a step has computed, if it was to; None if only events give them."""
@@ -52,7 +52,7 @@ class Teller:
 
     def sums(self, state: np.ndarray, numbers: np.ndarray, impulses: bytes) -> ImpactSums | None:
         """Return the sums over the collisions of a step; None if only events give them. Later steps compute theirs."""
-        self._settings[SETTING.told] = 1.0
+        self._settings[SETTING.sums] = 1.0
         self.again(state, numbers, impulses)
         return self.told(self._steps.numbers)
 
@@ -79,22 +79,24 @@ class Start(NamedTuple):
     sums: ImpactSums | None  # sums over its collisions, if the step was to compute them
 
 
-class Replay:
-    """The collisions of one step; see `Teller`.
+class RepeatedStep:
+    """The collisions of one step; see `StepRepeater`.
 
     Most instances are dropped before they are read. Arrays that the next step overwrites are copied before that if the
     instance still exists.
 
     Args:
-        teller: repeats the step.
+        repeater: repeats the step.
         owner: owner of the arrays that follow, and of the impulses of the last step.
         state: the state at the start of the step.
         before: the memory at the start of the step.
         numbers: the current memory.
     """
 
-    def __init__(self, teller: Teller, owner: object, state: np.ndarray, before: np.ndarray, numbers: np.ndarray):
-        self._teller, self._places, self._summed = teller, (owner, state, before, numbers), teller.finds_sums
+    def __init__(
+        self, repeater: StepRepeater, owner: object, state: np.ndarray, before: np.ndarray, numbers: np.ndarray
+    ):
+        self._repeater, self._places, self._summed = repeater, (owner, state, before, numbers), repeater.finds_sums
 
     def __call__(self) -> tuple[ImpactEvent, ...]:
         """Return the collisions as events."""
@@ -104,25 +106,25 @@ class Replay:
     def start(self) -> Start:
         """The start of the step, copied on first access."""
         _, state, before, numbers = self._places
-        at = MEMORY.left + self._teller.scheme.model.nq
-        after = numbers[at : at + self._teller.scheme.model.nv].copy()
-        found = self._teller.told(numbers) if self._summed else None
+        at = MEMORY.left + self._repeater.scheme.model.nq
+        after = numbers[at : at + self._repeater.scheme.model.nv].copy()
+        found = self._repeater.told(numbers) if self._summed else None
         return Start(state.copy(), before.copy(), memory.raw(before), after, found)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the start of the step, too, for copies."""
-        return {"_teller": self._teller, "start": self.start}
+        return {"_repeater": self._repeater, "start": self.start}
 
     @cached_property
     def sums(self) -> ImpactSums:
         """Sums over the collisions."""
         start = self.start
-        known = start.sums or self._teller.sums(start.state, start.numbers, start.impulses)
+        known = start.sums or self._repeater.sums(start.state, start.numbers, start.impulses)
         return known or ImpactSums.of(self._events)
 
     @cached_property
     def _events(self) -> tuple[ImpactEvent, ...]:
-        scheme, data, start = self._teller.scheme, self._teller.data, self.start
+        scheme, data, start = self._repeater.scheme, self._repeater.data, self.start
         model, kept, numbers = scheme.model, scheme.short_steps, start.numbers
         restore_state(model, data, start.state)
         counts = numbers.view(np.int64)
@@ -135,7 +137,7 @@ class Replay:
         scheme.short_steps = kept
         time, events = float(data.time), told() if callable(told) else told
         # if a problem has several solutions, Python may find another one
-        if self._misses(data.qvel) and self._misses(self._teller.again(start.state, numbers, start.impulses)):
+        if self._misses(data.qvel) and self._misses(self._repeater.again(start.state, numbers, start.impulses)):
             raise changed_model(time)
         return events
 

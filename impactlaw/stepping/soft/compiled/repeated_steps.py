@@ -92,7 +92,7 @@ def sums_in(found: Iterable[float]) -> ImpactSums:
     return ImpactSums(int(count), energy, work, intensity, int(distant), int(scaled))
 
 
-class Teller:
+class StepRepeater:
     """Repeats steps of a scheme, under the law that it has when this is made.
 
     Args:
@@ -139,11 +139,11 @@ class Teller:
         return tuple(events)
 
 
-class Replay:
+class RepeatedStep:
     """The collisions of compiled steps; when they are read, the scheme in Python takes the steps again.
 
     Args:
-        teller: repeats the steps.
+        repeater: repeats the steps.
         rows: state before the step, and sums of compiled code, of each step.
         total: sums over the collisions of all steps.
 
@@ -151,8 +151,8 @@ class Replay:
         sums: sums over the collisions, available without the events.
     """
 
-    def __init__(self, teller: Teller, rows: np.ndarray, total: memoryview):
-        self._teller, self._rows = teller, rows
+    def __init__(self, repeater: StepRepeater, rows: np.ndarray, total: memoryview):
+        self._repeater, self._rows = repeater, rows
         self.sums = sums_in(total)
 
     def __call__(self) -> tuple[ImpactEvent, ...]:
@@ -161,7 +161,7 @@ class Replay:
 
     @cached_property
     def _events(self) -> tuple[ImpactEvent, ...]:
-        return self._teller.tell(self._rows, self.sums)
+        return self._repeater.tell(self._rows, self.sums)
 
 
 def _misses(again: ImpactSums, sums: ImpactSums) -> bool:

@@ -22,11 +22,11 @@ from impactlaw.stepping.compiled.access import (
     velocity_of,
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, flags, floats, ints, table_floats
-from impactlaw.stepping.time_stepping.compiled.borrow import widen_limits
-from impactlaw.stepping.time_stepping.compiled.ends import update_frames
+from impactlaw.stepping.time_stepping.compiled.end_of_step import update_frames
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import settle
 from impactlaw.stepping.time_stepping.compiled.limits import hide_far_limits, narrow_limits
-from impactlaw.stepping.time_stepping.compiled.standing import find_standing
+from impactlaw.stepping.time_stepping.compiled.model_copy import widen_limits
+from impactlaw.stepping.time_stepping.compiled.standing_cylinders import find_standing
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, are_left, forget
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import (
     begin_surfaces,
@@ -36,7 +36,7 @@ from impactlaw.stepping.time_stepping.compiled.state.surfaces import (
 )
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.margins import ALWAYS, outruns, write_arms, write_margins, write_sizes
-from impactlaw.stepping.time_stepping.problem.points import put_on_bodies, put_on_planes
+from impactlaw.stepping.time_stepping.problem.contact_points import put_on_bodies, put_on_planes
 from impactlaw.stepping.time_stepping.tolerances import SHARES
 
 _EULER = int(mujoco.mjtIntegrator.mjINT_EULER)
@@ -150,7 +150,7 @@ def outrun(w):
 
 
 @plain
-def look_farther(w, start, free, middle, margins, work):
+def detect_farther(w, start, free, middle, margins, work):
     """Do the same as `free_motion.look_farther`; ``work`` is scratch space for 6 nbody numbers and the margins."""
     nbody, qvel = size(w, MODEL.nbody), velocity_of(w)
     before = work[6 * nbody : 6 * nbody + len(margins)]
@@ -169,7 +169,7 @@ def look_farther(w, start, free, middle, margins, work):
 
 
 @plain
-def look_at_limits(w, start, free, middle):
+def detect_limits(w, start, free, middle):
     """Find all limits in addition to the contacts found, with data as it was without contact.
 
     Return whether MuJoCo had no room for all rows.

@@ -1,4 +1,4 @@
-"""RK4 without contacts that are not closed yet, in compiled code; see `soft.look_not_ahead`."""
+"""RK4 without contacts that are not closed yet, in compiled code; see `soft.without_new_contacts`."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ from impactlaw.stepping.compiled.fields import (
     longs,
     put_int,
 )
-from impactlaw.stepping.soft.look_not_ahead import BODY, NO_CONTACT, NO_LIMIT, SCALAR, SLEEP
+from impactlaw.stepping.soft.without_new_contacts import BODY, NO_CONTACT, NO_LIMIT, SCALAR, SLEEP
 
 
 @plain
 def passes_limit(w):
-    """Return the result of `look_not_ahead.passes_limit`."""
+    """Return the result of `without_new_contacts.passes_limit`."""
     if option(w, MODEL.opt_disableflags) & NO_LIMIT:
         return False
     joints, qvel, acceleration = size(w, MODEL.njnt), velocity_of(w), data_floats(w, DATA.qacc, w.nv)
@@ -60,7 +60,7 @@ def start_room(w):
 
 @plain
 def keep_start(w, kept, back):
-    """Save what `look_not_ahead.keep_start` returns into `kept`, (`start_room`,), or write it `back`."""
+    """Save what `without_new_contacts.keep_start` returns into `kept`, (`start_room`,), or write it `back`."""
     at, nv = 0, w.nv
     for place, n in (
         (DATA.qacc, nv), (DATA.qfrc_smooth, nv), (DATA.qfrc_constraint, nv),
@@ -75,14 +75,14 @@ def keep_start(w, kept, back):
 
 @plain
 def is_plain(w):
-    """Return the result of `look_not_ahead.is_plain`."""
+    """Return the result of `without_new_contacts.is_plain`."""
     more = size(w, MODEL.nplugin) + size(w, MODEL.nhistory)
     return more == 0 and not option(w, MODEL.opt_enableflags) & SLEEP
 
 
 @kernel
 def find_contact_forces(w, found):
-    """Write the result of `look_not_ahead.contact_forces`, (nv,), zeros before; without rows MuJoCo leaves them."""
+    """Write the result of `contact_forces`, (nv,), zeros before; without rows MuJoCo leaves them."""
     n = number(w, DATA.nefc)
     forces = numbers(n)
     put(forces, data_floats(w, DATA.efc_force, n))
@@ -93,7 +93,7 @@ def find_contact_forces(w, found):
 
 @plain
 def _needs_contacts(w):
-    """Return the result of `look_not_ahead._needs_contacts`."""
+    """Return the result of `without_new_contacts._needs_contacts`."""
     for kind in model_ints(w, MODEL.actuator_trntype, size(w, MODEL.nu)):
         if kind == BODY:
             return True
@@ -102,8 +102,8 @@ def _needs_contacts(w):
 
 
 @kernel
-def look_not_ahead(w, pushing):
-    """Do what `look_not_ahead.look_not_ahead` does; the forces are (0,) if nothing touches at the start.
+def advance_without_new_contacts(w, pushing):
+    """Do what the function of this name in Python does; the forces are (0,) if nothing touches at the start.
 
     The changed options are in a copy of the model's own structure, since other threads step with the model.
     """

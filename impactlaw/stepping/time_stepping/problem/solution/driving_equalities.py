@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from impactlaw.solvers.cones import BILATERAL
 from impactlaw.solvers.cones.algebra.loops import any_of, indices, kernel, plain, put, zeros
-from impactlaw.stepping.time_stepping.problem.drifts import square_of
+from impactlaw.stepping.time_stepping.problem.drifting_equalities import square_of
 from impactlaw.stepping.time_stepping.problem.energy import find_islands
-from impactlaw.stepping.time_stepping.problem.solution.apart import solve_contacts
+from impactlaw.stepping.time_stepping.problem.solution.by_islands import solve_contacts
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import solve_scaled
 from impactlaw.stepping.time_stepping.tolerances import DRIVEN
 

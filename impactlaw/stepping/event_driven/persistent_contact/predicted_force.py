@@ -24,7 +24,7 @@ _LARGEST_TURN = 0.3  # largest turn of a row in one phase, rad
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 
-class FeltForce(NamedTuple):
+class PredictedForce(NamedTuple):
     """The effect of the applied contact force on a phase."""
 
     impulse: np.ndarray  # ``tau f``, N s or N m s, (nv,)
@@ -32,7 +32,7 @@ class FeltForce(NamedTuple):
     shift: np.ndarray  # shift of the configuration, (nv,)
 
     @classmethod
-    def of(cls, configuration: Configuration, force: np.ndarray | None, duration: float) -> FeltForce:
+    def of(cls, configuration: Configuration, force: np.ndarray | None, duration: float) -> PredictedForce:
         """Return the effect of a force, (nv,); the configuration is at the end of the phase."""
         if force is None:
             nothing = np.zeros(configuration.model.nv)

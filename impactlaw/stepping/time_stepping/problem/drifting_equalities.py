@@ -2,7 +2,7 @@
 
 To open the limit, the motion that the constraint allows would have to compensate the drift divided by the small
 remainder: a knee whose shank slips by 3 mm per radian would turn 300 times as fast as the slip closes. See
-`soft.drifting` and `scene.equality_constraints.DRIFT`.
+`soft.drifting_limits` and `scene.equality_constraints.DRIFT`.
 """
 
 from __future__ import annotations

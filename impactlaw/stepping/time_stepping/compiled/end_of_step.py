@@ -36,15 +36,15 @@ from impactlaw.stepping.compiled.access import (
 )
 from impactlaw.stepping.compiled.dense import encode_pyramids, leave_open_out
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, flags, floats, keep, put_int
-from impactlaw.stepping.compiled.ties import leave_tied_out
-from impactlaw.stepping.time_stepping.compiled.borrow import limit_margins, widen_limits
-from impactlaw.stepping.time_stepping.compiled.impulses.contact import count, count_entries, read
-from impactlaw.stepping.time_stepping.compiled.standing import find_standing
+from impactlaw.stepping.compiled.tied_contacts import leave_tied_out
+from impactlaw.stepping.time_stepping.compiled.impulses.contact_problem import count, count_entries, read
+from impactlaw.stepping.time_stepping.compiled.model_copy import limit_margins, widen_limits
+from impactlaw.stepping.time_stepping.compiled.standing_cylinders import find_standing
 from impactlaw.stepping.time_stepping.compiled.state.room import rows_at, rows_size
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World, metric_of, setting
+from impactlaw.stepping.time_stepping.end_correction import BEYOND, LAST_LOSS, SLOP, bend, end_targets
 from impactlaw.stepping.time_stepping.margins import LEAST
 from impactlaw.stepping.time_stepping.problem.overlaps import open_overlaps
-from impactlaw.stepping.time_stepping.second_look import BEYOND, LAST_LOSS, SLOP, bend, end_targets
 
 _PYRAMIDAL, _ELLIPTIC = int(mujoco.mjtCone.mjCONE_PYRAMIDAL), int(mujoco.mjtCone.mjCONE_ELLIPTIC)
 _FRICTIONAL = np.bool_(True)
@@ -170,7 +170,7 @@ def _move_apart(now, qpos, metric, rows, depth):
 
 
 @plain
-def look_again(w, rows):
+def correct_end(w, rows):
     """Open overlaps at the end of a step that gradients at the midpoint have not shown."""
     nbody, ngeom, h = size(w, MODEL.nbody), size(w, MODEL.ngeom), w.timestep
     depth = bend(

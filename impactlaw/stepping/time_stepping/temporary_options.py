@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.stepping.integration import NO_DAMPING, damps
-from impactlaw.stepping.time_stepping.standing import has_standing
+from impactlaw.stepping.time_stepping.standing_cylinders import has_standing
 
 EULER, RK4 = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtIntegrator.mjINT_RK4)
 _BODY = int(mujoco.mjtTrn.mjTRN_BODY)
@@ -19,7 +19,7 @@ ELLIPTIC, NEWTON = int(mujoco.mjtCone.mjCONE_ELLIPTIC), int(mujoco.mjtSolver.mjS
 _MARGINS = ("body_margin", "geom_margin", "geom_gap", "pair_margin", "pair_gap", "jnt_margin", "tendon_margin")
 
 
-class BorrowedModel:
+class TemporaryOptions:
     """Changes options and margins of a model within a ``with`` block, which reads the user's own at its start.
 
     Cones are elliptic, and no body sleeps. MuJoCo's gaps count only if bodies stick across them. RK4 becomes Euler, and
@@ -46,7 +46,7 @@ class BorrowedModel:
         self.damped = False
         self.integrator = mujoco.mj_Euler
 
-    def __enter__(self) -> BorrowedModel:
+    def __enter__(self) -> TemporaryOptions:
         opt, model = self._opt, self._model
         flags, integrator = opt.disableflags, opt.integrator
         self.cone = opt.cone

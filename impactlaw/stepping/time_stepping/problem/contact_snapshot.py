@@ -29,7 +29,7 @@ def in_order(rows: Rows, chosen: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class ContactSnapshot:
     """Copies of contacts, rows and inertia in the middle of a step.
 
     Attributes:
@@ -70,7 +70,7 @@ class Seen:
         names: tuple[str, ...],
         limits: Limits,
         metric: Inertia,
-    ) -> Seen:
+    ) -> ContactSnapshot:
         """Return copies of the current contacts, rows and inertia."""
         contact = data.contact
         state = LimitState.of(data) if np.count_nonzero(rows.source < -1) else None

@@ -10,14 +10,14 @@ import numpy as np
 from impactlaw.solvers.cones.algebra.loops import cleared, indices, once, plain
 from impactlaw.stepping.compiled.access import contact_ints, jacobian_of, model_ints, number, option
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL
-from impactlaw.stepping.compiled.ties import mark_tied
+from impactlaw.stepping.compiled.tied_contacts import mark_tied
 
 Array = np.ndarray[Any, Any]
 
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 
 
-class Found(NamedTuple):
+class ActiveContacts(NamedTuple):
     """The contacts and limits that MuJoCo's solver acts on.
 
     Attributes:
@@ -33,7 +33,7 @@ class Found(NamedTuple):
 
 @plain
 def _list(w, tied, row, contact, paired):
-    """Write the fields of `Found`, and return the number of contacts and limits."""
+    """Write the fields of `ActiveContacts`, and return the number of contacts and limits."""
     limits, first, many = number(w, DATA.nl), number(w, DATA.ne) + number(w, DATA.nf), number(w, DATA.ncon)
     address, dim = contact_ints(w, CONTACT.efc_address, 1)[:, 0], contact_ints(w, CONTACT.dim, 1)[:, 0]
     pyramidal, h = option(w, MODEL.opt_cone) == _PYRAMIDAL, limits
@@ -50,8 +50,8 @@ def _list(w, tied, row, contact, paired):
 def find(w, constraints):
     """Return the current contacts and limits, as arrays that are valid until the function that calls this returns.
 
-    Contacts that equality constraints tie are left out, see `ties`; `constraints` are the kinds of these, uint8 (neq,),
-    or (0,) to leave out no contact.
+    Contacts that equality constraints tie are left out, see `tied_contacts`; `constraints` are the kinds of these,
+    uint8 (neq,), or (0,) to leave out no contact.
     """
     most = number(w, DATA.nl) + number(w, DATA.ncon)
     row, contact, paired = indices(most), indices(most), indices(most)
@@ -60,7 +60,7 @@ def find(w, constraints):
         jacobian = jacobian_of(w)
         mark_tied(w, constraints, jacobian, tied)
     h = _list(w, tied, row, contact, paired)
-    return Found(row[:h], contact[:h], paired[:h])
+    return ActiveContacts(row[:h], contact[:h], paired[:h])
 
 
 @plain

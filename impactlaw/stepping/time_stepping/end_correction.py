@@ -9,14 +9,14 @@ from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.stepping.compiled.whitening import Inertia
-from impactlaw.stepping.time_stepping.borrowed import BorrowedModel
 from impactlaw.stepping.time_stepping.problem.overlaps import open_overlaps
 from impactlaw.stepping.time_stepping.problem.reader import RowReader, read_rows
 from impactlaw.stepping.time_stepping.problem.rows import Rows
-from impactlaw.stepping.time_stepping.standing import find_standing
+from impactlaw.stepping.time_stepping.standing_cylinders import find_standing
+from impactlaw.stepping.time_stepping.temporary_options import TemporaryOptions
 
 _SEEN = 3e-6
-"""Smallest depth, m, that requires a second look."""
+"""Smallest depth, m, that requires a correction."""
 _DEEP = 1e-4
 """Depth, m or rad, beyond which an overlap is opened over time."""
 
@@ -149,11 +149,11 @@ def end_targets(groups, key, amounts, depth, before_key, before, timestep):
     return need, some
 
 
-class SecondLook:
+class EndCorrection:
     """Finds overlaps at the end of a step, and the shift of positions that opens them."""
 
-    def __init__(self, model: mujoco.MjModel, size: np.ndarray, borrowed: BorrowedModel, reader: RowReader):
-        self._model, self._size, self._borrowed, self._reader = model, size, borrowed, reader
+    def __init__(self, model: mujoco.MjModel, size: np.ndarray, options: TemporaryOptions, reader: RowReader):
+        self._model, self._size, self._options, self._reader = model, size, options, reader
         self._scratch: mujoco.MjData | None = None
 
     def shift(self, data: mujoco.MjData, rows: Rows, metric: Inertia) -> np.ndarray | None:
@@ -165,7 +165,7 @@ class SecondLook:
         )  # fmt: skip
         if depth == 0.0:
             return None
-        self._borrowed.tighten_margins(BEYOND * depth)
+        self._options.tighten_margins(BEYOND * depth)
         now, nothing = self._look(data), np.zeros(model.nv)
         if not np.any(now.contact.dist < -SLOP):
             return None
@@ -190,7 +190,7 @@ class SecondLook:
         now.qpos[:], now.eq_active[:] = data.qpos, data.eq_active
         now.mocap_pos[:], now.mocap_quat[:] = data.mocap_pos, data.mocap_quat
         mujoco.mj_kinematics(model, now)
-        if self._borrowed.stands:
+        if self._options.stands:
             find_standing(model, now)
         else:
             mujoco.mj_collision(model, now)

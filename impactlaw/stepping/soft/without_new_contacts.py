@@ -21,14 +21,14 @@ SCALAR = int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 def keep_start(data: mujoco.MjData, *, touches: bool) -> tuple[np.ndarray, ...]:
-    """Return the results of `mj_forward` that `look_not_ahead` reads, besides the state."""
+    """Return the results of `mj_forward` that `advance_without_new_contacts` reads, besides the state."""
     if touches or mujoco.get_mjcb_control() is not None:
         return tuple(getattr(data, name).copy() for name in _READ)
     return data.qacc.copy(), data.act_dot.copy()
 
 
 def put_start(data: mujoco.MjData, start: tuple[np.ndarray, ...]) -> None:
-    """Write the results of `keep_start` into data, for `look_not_ahead`; this suffices only if `is_plain`."""
+    """Write the results of `keep_start` into data; this suffices for a step only if `is_plain`."""
     for name, value in zip(_READ, start, strict=False):
         getattr(data, name)[:] = value
 
@@ -68,7 +68,7 @@ def _needs_contacts(model: mujoco.MjModel) -> bool:
     return bool(pulls or model.opt.enableflags & SLEEP)
 
 
-def look_not_ahead(model: mujoco.MjModel, data: mujoco.MjData, *, pushing: np.ndarray | None) -> None:
+def advance_without_new_contacts(model: mujoco.MjModel, data: mujoco.MjData, *, pushing: np.ndarray | None) -> None:
     """Advance as RK4 does after `mj_forward`, but without contacts that do not act at the start of the step.
 
     In the stages of RK4 such contacts would take up to half of the speed that the law is to reverse. Contacts and

@@ -1,4 +1,4 @@
-"""Move colliding bodies where MuJoCo's contacts would push beside the law, compiled; see `soft.since_closed`."""
+"""Move colliding bodies where MuJoCo's contacts would push beside the law, compiled; see `soft.position_correction`."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from impactlaw.stepping.compiled.access import (
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, float_at, keep
 from impactlaw.stepping.compiled.islands import join_trees, tree_of
-from impactlaw.stepping.soft.compiled.contacts.found import find, normal_velocities
+from impactlaw.stepping.soft.compiled.contacts.active_contacts import find, normal_velocities
 from impactlaw.stepping.soft.compiled.contacts.kinds import LAW, WORLD
 from impactlaw.stepping.soft.tolerances import JUST_CLOSED, OPENING
 

@@ -1,6 +1,6 @@
 """Detect changes of the model that need a part that the plan has left out: the next step then raises an error.
 
-Event-driven steps read friction when a contact is first seen; `LeftOut.check` tells when they must read it again.
+Event-driven steps read friction when a contact is first seen; `PlanCheck.check` tells when they must read it again.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def watched_fields(plan: Plan, friction: Literal["coulomb", "convex", "ignore"])
     return fields + _LIMITED + (("jnt_range",) if plan.limits else ())
 
 
-class LeftOut:
+class PlanCheck:
     """Checks whether the plan still fits the model, in the fields that steps depend on."""
 
     def __init__(self, model: mujoco.MjModel, plan: Plan, friction: Literal["coulomb", "convex", "ignore"]):

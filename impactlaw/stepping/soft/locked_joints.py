@@ -37,7 +37,7 @@ def added_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray | No
 
 
 @contextmanager
-def one_inertia(model: mujoco.MjModel, data: mujoco.MjData, added: np.ndarray) -> Iterator[None]:
+def with_locked_joints(model: mujoco.MjModel, data: mujoco.MjData, added: np.ndarray) -> Iterator[None]:
     """Add `added`, (nv,), to the diagonal of the mass matrix of data within the context, and factorize it again."""
     kept = data.M.copy(), data.qLD.copy(), data.qLDiagInv.copy()
     data.M[model.M_rowadr + model.M_rownnz - 1] += added

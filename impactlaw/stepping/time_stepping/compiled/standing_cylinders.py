@@ -1,4 +1,4 @@
-"""Contacts of cylinders that stand on planes, in compiled code; see `time_stepping.standing`."""
+"""Contacts of cylinders that stand on planes, in compiled code; see `time_stepping.standing_cylinders`."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from impactlaw.stepping.compiled.access import (
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, floats, keep
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import end_velocities
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
-from impactlaw.stepping.time_stepping.standing import make_upright
+from impactlaw.stepping.time_stepping.standing_cylinders import make_upright
 
 
 @kernel
 def find_standing(w, found):
-    """Do the same as `standing.find_standing`, in scenes in which cylinders can stand on planes."""
+    """Do the same as `standing_cylinders.find_standing`, in scenes in which cylinders can stand on planes."""
     if setting(w, SETTING.stands) == 0.0:
         if not found:
             mj.collision(w.model, w.data)

@@ -14,7 +14,7 @@ from impactlaw import Fremond, ImpactEvent, Law, Moreau, Newton, Stepper
 from impactlaw.errors import SceneError
 from impactlaw.models import load
 from impactlaw.stepping.impact_event import NOTHING, ImpactSums, sums_of
-from impactlaw.stepping.time_stepping.compiled import told
+from impactlaw.stepping.time_stepping.compiled import repeated_steps
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 from scripts.robots.agreement import compiled_stepper
 
@@ -28,14 +28,14 @@ ON_A_BELT = """<mujoco><worldbody>
 
 def events_asked_for(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     """Return a list that gets, for each repeated step, whether its sums had to be found from events."""
-    asked, find = [], told.Teller.sums
+    asked, find = [], repeated_steps.StepRepeater.sums
 
-    def listen(teller: told.Teller, *arguments: object) -> ImpactSums | None:
-        found = find(teller, *arguments)  # pyright: ignore[reportArgumentType]
+    def listen(repeater: repeated_steps.StepRepeater, *arguments: object) -> ImpactSums | None:
+        found = find(repeater, *arguments)  # pyright: ignore[reportArgumentType]
         asked.append(found is None)
         return found
 
-    monkeypatch.setattr(told.Teller, "sums", listen)
+    monkeypatch.setattr(repeated_steps.StepRepeater, "sums", listen)
     return asked
 
 

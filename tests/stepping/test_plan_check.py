@@ -11,7 +11,7 @@ from impactlaw import Moreau, Stepper
 from impactlaw.batch import Batch
 from impactlaw.cli import main
 from impactlaw.errors import SceneError
-from impactlaw.stepping import left_out
+from impactlaw.stepping import plan_check
 from impactlaw.stepping.plan import make_plan
 
 every_way = pytest.mark.parametrize("way", WAYS)
@@ -295,7 +295,7 @@ def test_a_flag_that_is_changed_once_is_looked_at_once(way, monkeypatch):
         made.append(given)
         return make_plan(*given, **options)
 
-    monkeypatch.setattr(left_out, "make_plan", counted)
+    monkeypatch.setattr(plan_check, "make_plan", counted)
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_FILTERPARENT)
     for _ in range(3):
         stepper.step(data)
