@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 import pandas as pd
-import tyro
 from tqdm import tqdm
 
-from scripts import machine
+from scripts import machine, options
 
 from . import chains, environments, laws, omissions, processes, steps, worlds
 from .goals import as_table, goals
@@ -103,4 +102,4 @@ def main(study: Benchmark) -> None:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Benchmark, description=__doc__))
+    main(options.read(Benchmark, __doc__))

@@ -14,10 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pandas as pd
-import tyro
 from tqdm import tqdm
 
-from scripts import machine
+from scripts import machine, options
 from scripts.robots.scenes import Scene, chosen
 
 from .catalogue import QUICK, catalogue
@@ -31,11 +30,11 @@ if TYPE_CHECKING:  # their imports load and compile code; `--help` should not wa
 class Study:
     """Which problems to solve, and up to which size."""
 
-    problems: int = 1080
+    problems: options.Count = 1080
     """Total number of problems, the same number from each scene."""
     only: tuple[str, ...] = ()
     """Names of scenes, or parts of names; all scenes if not given."""
-    most_rows: int = 300
+    most_rows: options.Count = 300
     """Largest number of rows of the problems that Clarabel gets."""
     quick: bool = False
     """Solve 100 problems of 5 scenes only."""
@@ -70,7 +69,7 @@ def run(study: Study, problems: Iterable[Problem], who: list[Solver]) -> pd.Data
 
 def main() -> None:
     """Run the study of the command line."""
-    study = tyro.cli(Study, description=__doc__)
+    study = options.read(Study, __doc__)
     from . import measure, report
     from .solvers import solvers
 

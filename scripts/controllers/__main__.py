@@ -12,11 +12,11 @@ from typing import Literal, get_args
 import gymnasium
 import numpy as np
 import pandas as pd
-import tyro
 from tqdm import tqdm
 
 import impactlaw.envs  # noqa: F401  (registers the environments)
 from impactlaw.studies.policies.controllers import CONTROLLERS, Controller
+from scripts.options import Count, read
 
 Name = Literal["NewtonsCradle-v0", "Juggler-v0", "Billiards-v0", "RockingBlock-v0"]
 _INELASTIC = "maximal-dissipation", None
@@ -33,7 +33,7 @@ LAWS: dict[Name, tuple[tuple[str, float | None], ...]] = {
 class Study:
     """Scores of the scripted controllers under several laws."""
 
-    episodes: int = 10
+    episodes: Count = 10
     """Episodes per environment and law."""
     environments: tuple[Name, ...] = get_args(Name)
     """Environments to play."""
@@ -86,4 +86,4 @@ def main(study: Study) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__, config=(tyro.conf.OmitArgPrefixes,))
+    main(read(Study, __doc__))

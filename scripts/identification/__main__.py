@@ -9,6 +9,7 @@ from scripts.identification.chains import chains_table, paths_table, study_chain
 from scripts.identification.drops import drops_table, measure
 from scripts.identification.energy import energy_table
 from scripts.identification.pictures import draw_paths
+from scripts.options import Count
 
 Study = Literal["drops", "chains", "energy"]
 ROOT = Path(__file__).parents[2]
@@ -25,7 +26,7 @@ def put(page: str, name: str, table: str) -> str:
     return head + begin + "\n" + table + "\n\n" + end + rest.partition(end)[2]
 
 
-def main(what: tyro.conf.Positional[tuple[Study, ...]] = ("drops", "chains"), count: int = 100_000) -> None:
+def main(what: tyro.conf.Positional[tuple[Study, ...]] = ("drops", "chains"), count: Count = 100_000) -> None:
     """Run studies, and write their tables into the page.
 
     Args:

@@ -1,5 +1,6 @@
 """Newton's cradle under two laws and under MuJoCo's contacts, side by side: ``python -m scripts.pictures.cradles``."""
 
+import sys
 from functools import partial
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import tyro
 
 from impactlaw import Fremond, Law, Moreau, Stepper
 from impactlaw.models import load
+from scripts.options import make_folder
 
 _RAIL, _RADIUS, _SPACING = 1.25, 0.125, 0.25  # m, as in the scene
 _LIFTED = 0.7  # rad, angle of the first ball at the start
@@ -38,6 +40,9 @@ def main(out: Path = Path("out/cradles.gif")) -> None:
     Args:
         out: file of the animation.
     """
+    make_folder(out.parent)
+    if out.is_dir():
+        sys.exit(f"{out} is a folder, not a file")
     mpl.use("Agg")
     from matplotlib import pyplot as plt
     from matplotlib.animation import FuncAnimation, PillowWriter
@@ -70,7 +75,6 @@ def main(out: Path = Path("out/cradles.gif")) -> None:
                 string.set_data([rest[i], x[i]], [_RAIL, z[i]])
                 ball.center = x[i], z[i]
 
-    out.parent.mkdir(parents=True, exist_ok=True)
     animation = FuncAnimation(figure, draw, frames=len(times), init_func=lambda: None)
     animation.save(out, writer=PillowWriter(fps=_FRAMES))
     print(f"{out}: {out.stat().st_size / 1e6:.2f} MB, {len(times)} frames")

@@ -14,12 +14,12 @@ from pathlib import Path
 import joblib
 import numpy as np
 import pandas as pd
-import tyro
 from tqdm import tqdm
 
 from impactlaw import Collision, Coulomb, Fremond, Friction, FrictionImpact, ImpactLawError, Law, MaximalDissipation
 from impactlaw.laws import Moreau, Newton
 from scripts import machine
+from scripts.options import Count, Jobs, Seed, read
 
 TOLERANCE = 1e-9
 """Largest allowed residual, and largest allowed violations of energy and of the friction cones relative to |v-|."""
@@ -29,16 +29,18 @@ TOLERANCE = 1e-9
 class RandomCollisions:
     """How many collisions to draw, and how large."""
 
-    count: int = 100_000
+    count: Count = 100_000
     """Number of collisions."""
-    contacts: int = 8
+    contacts: Count = 8
     """Largest number of contacts of a collision, without limits."""
-    seed: int = 0
+    seed: Seed = 0
     """Collision k is drawn with the seed (seed, k)."""
-    processes: int = 1
-    """Number of processes."""
+    processes: Jobs = 1
+    """Number of processes; -1 for one per processor."""
     quick: bool = False
     """Draw 300 collisions only."""
+    out: Path = Path("out/random_collisions")
+    """Folder for random_collisions.csv."""
 
 
 def run(study: RandomCollisions) -> pd.DataFrame:
@@ -161,16 +163,11 @@ def failed(table: pd.DataFrame) -> pd.DataFrame:
     return table.loc[beyond | (table.error != "")]
 
 
-def main(study: RandomCollisions, out: Path = Path("out/random_collisions")) -> None:
-    """Run the study, print the worst errors of each law and cone, and write every row as CSV.
-
-    Args:
-        study: what to run.
-        out: folder for random_collisions.csv.
-    """
+def main(study: RandomCollisions) -> None:
+    """Run the study, print the worst errors of each law and cone, and write every row as CSV."""
     table = run(study)
-    out.mkdir(parents=True, exist_ok=True)
-    table.to_csv(out / "random_collisions.csv", index=False)
+    study.out.mkdir(parents=True, exist_ok=True)
+    table.to_csv(study.out / "random_collisions.csv", index=False)
     print(format_table(table))
     broken = failed(table)
     refused, wrong = broken[broken.error != ""], broken[broken.error == ""]
@@ -180,4 +177,4 @@ def main(study: RandomCollisions, out: Path = Path("out/random_collisions")) -> 
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__, config=(tyro.conf.OmitArgPrefixes,))
+    main(read(RandomCollisions, __doc__))

@@ -12,6 +12,7 @@ import pandas as pd
 import tyro
 
 from impactlaw import Collision, ImpactLawError, Newton, Poisson
+from scripts.options import Count, Seed
 
 _ROUNDING = 1e-9  # part of |v-| above which an error counts as a violation
 
@@ -53,7 +54,7 @@ def shares(count: int, seed: int, *, closing: bool) -> pd.DataFrame:
     return pd.DataFrame(rows).groupby("law").agg({**told, "largest_gain": "max"})
 
 
-def main(count: int = 20_000, seed: int = 0) -> None:
+def main(count: Count = 20_000, seed: Seed = 0) -> None:
     """Draw collisions, resolve them by both laws, and print the shares.
 
     Args:

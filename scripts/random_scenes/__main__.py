@@ -16,13 +16,13 @@ from typing import Literal
 import mujoco
 import numpy as np
 import pandas as pd
-import tyro
 from tqdm import tqdm
 
 from impactlaw import Stepper
 from impactlaw.errors import ManyCollisionsWarning
 from impactlaw.scene.contacts import update_positions
 from impactlaw.stepping.time_stepping.make import warm_up
+from scripts.options import Count, Seconds, Seed, read
 
 from . import making
 
@@ -37,13 +37,13 @@ _NO_CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBi
 class RandomScenes:
     """Which scenes to run, and how."""
 
-    scenes: int = 300
+    scenes: Count = 300
     """Number of random scenes."""
-    piles: int = 40
+    piles: Count = 40
     """Number of piles in a bin."""
-    seconds: float = 1.0
+    seconds: Seconds = 1.0
     """Simulated time of each scene and pile."""
-    first: int = 0
+    first: Seed = 0
     """Seed of the first scene and of the first pile."""
     scheme: Literal["event-driven", "time-stepping"] = "event-driven"
     """Scheme of the stepper."""
@@ -108,7 +108,7 @@ def rows(options: RandomScenes) -> Iterator[dict[str, object]]:
 
 def main() -> int:
     """Run all scenes, and print the failures and the largest step time and gain; return 1 if there are failures."""
-    options = tyro.cli(RandomScenes, description=__doc__)
+    options = read(RandomScenes, __doc__)
     warnings.simplefilter("ignore", ManyCollisionsWarning)
     warm_up()
     found = pd.DataFrame(tqdm(rows(options), total=options.scenes + options.piles, disable=None))

@@ -20,6 +20,7 @@ from tqdm import tqdm
 
 from impactlaw.stepping.time_stepping.make import warm_up as compile_steps
 from scripts.apart import Worker
+from scripts.options import Coefficient, Count, Jobs, Seconds, read
 
 from . import processes, report, scenes
 from .case import Case, Row
@@ -39,19 +40,19 @@ class Study:
     """MJCF files, or folders of them; without --only, only these are run."""
     ways: tuple[Way, ...] = WAYS
     """Ways to step."""
-    restitution: tuple[float, ...] = (0.0, 0.5)
-    """Coefficients of Moreau's law."""
+    restitution: tuple[Coefficient, ...] = (0.0, 0.5)
+    """Coefficients of Moreau's law, from 0 to 1."""
     starts: tuple[Start, ...] = ("drop", "random")
     """Dropped with the controls of the start held, or with random controls that change every 20 steps."""
-    steps: int = 2000
+    steps: Count = 2000
     """Timesteps of a case."""
-    seconds: float = 10.0
+    seconds: Seconds = 10.0
     """Largest wall time of a case under event-driven and soft stepping, s."""
-    longest: float = 300.0
+    longest: Seconds = 300.0
     """Largest wall time of a case under time stepping and MuJoCo, s."""
     quick: bool = False
     """Run a handful of scenes for 200 steps."""
-    jobs: Annotated[int, tyro.conf.arg(aliases=["-j"])] = 1
+    jobs: Annotated[Jobs, tyro.conf.arg(aliases=["-j"])] = 1
     """Number of cases at a time; more than there are idle cores makes the times longer."""
     out: Path = Path("out/robots")
     """Folder of the files."""
@@ -97,7 +98,7 @@ def run(cases: list[Case], jobs: int = 1) -> Iterator[Row]:
 
 def main() -> None:
     """Run the study of the command line; when interrupted, show the rows so far."""
-    study = tyro.cli(Study, description=__doc__)
+    study = read(Study, __doc__)
     cases = plan(study.quickly() if study.quick else study)
     rows: list[Row] = []
     try:

@@ -12,7 +12,6 @@ from typing import Any
 import mujoco
 import numpy as np
 import pandas as pd
-import tyro
 from tqdm import tqdm
 
 from impactlaw import Law, Moreau, Stepper
@@ -20,6 +19,7 @@ from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, raw, 
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import last_motion
 from impactlaw.stepping.time_stepping.compiled.stepping import CompiledStepping
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
+from scripts.options import Count, Seconds, read
 
 from . import scenes
 from .starts import HELD, controls, start
@@ -76,9 +76,9 @@ class Agreement:
 
     only: tuple[str, ...] = ()
     """Names of scenes, or parts of names; all scenes if not given."""
-    states: int = 1000
+    states: Count = 1000
     """Number of states per scene."""
-    longest: float = 60.0
+    longest: Seconds = 60.0
     """Largest wall time of a scene, s; its row says if it ran out of time."""
 
 
@@ -110,7 +110,7 @@ def compare(scene: scenes.Scene, study: Agreement) -> dict[str, Any]:
 def main() -> None:
     """Compare the scenes of the command line, and print the table."""
     warnings.simplefilter("ignore")
-    study = tyro.cli(Agreement, description=__doc__)
+    study = read(Agreement, __doc__)
     found = [compare(scene, study) for scene in tqdm(scenes.chosen(scenes.catalogue(), study.only), disable=None)]
     table = pd.DataFrame(found)
     with pd.option_context("display.width", 160, "display.max_rows", None):

@@ -106,6 +106,8 @@ def of_files(paths: tuple[Path, ...]) -> list[Scene]:
         if not path.exists():
             sys.exit(f"there is no file or folder {path}")
         files = sorted(path.rglob("*.xml")) if path.is_dir() else [path]
+        if not files:
+            sys.exit(f"there is no XML file in {path}")
         here = path if path.is_dir() else path.parent.parent
         found += [Scene(str(file.relative_to(here)), "file", str(file.resolve())) for file in files]
     return found

@@ -13,17 +13,16 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 import pandas as pd
-import tyro
 from tqdm import tqdm
 
-from scripts import machine
+from scripts import machine, options
 
 from .cases import CASES
 from .verdicts import MEASURED, REFUSED, Case
 from .worker import Worker
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Stability:
     """Which cases to run."""
 
@@ -31,6 +30,8 @@ class Stability:
     """Shorten the long cases, so that all take less than a minute; the tests run this form."""
     cases: tuple[str, ...] = ("*",)
     """Names of cases, or patterns such as "stack*"."""
+    out: Path = Path("out/stability")
+    """Folder for stability.csv."""
 
 
 def select(study: Stability) -> list[Case]:
@@ -93,14 +94,9 @@ def _counted(found: pd.Series) -> str:
     return ", ".join(f"{count} {verdict}" for verdict, count in found.value_counts().items())
 
 
-def main(study: Stability, out: Path = Path("out/stability")) -> None:
-    """Run the study, print its table, and write every row as CSV, with a description of the machine.
-
-    Args:
-        study: what to run.
-        out: folder for stability.csv.
-    """
-    table = run(select(study), study.quick)
+def main(study: Stability) -> None:
+    """Run the study, print its table, and write every row as CSV, with a description of the machine."""
+    table, out = run(select(study), study.quick), study.out
     out.mkdir(parents=True, exist_ok=True)
     table.to_csv(out / "stability.csv", index=False)
     print(format_table(table))
@@ -114,4 +110,4 @@ def main(study: Stability, out: Path = Path("out/stability")) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__, config=(tyro.conf.OmitArgPrefixes,))
+    main(options.read(Stability, __doc__))

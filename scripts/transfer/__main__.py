@@ -4,14 +4,15 @@ Needs ``impactlaw[train]``, and up to an hour of one core for each task. Finishe
 continues a study that was stopped. ``juggler.csv`` and ``hopper.csv`` beside this file hold the printed results.
 """
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-import tyro
-
+from impactlaw.errors import ImpactLawError
 from impactlaw.studies import Study, run
 from impactlaw.studies.report import report
+from scripts.options import Jobs, read
 
 STUDIES = {
     "juggler": Study(
@@ -39,13 +40,21 @@ class Transfer:
 
     task: Literal["juggler", "hopper"] = "juggler"
     """Task of the study."""
-    jobs: int = -1
+    jobs: Jobs = -1
     """Number of cells at a time; -1 for one per processor."""
     out: Path = Path("out/transfer")
     """Folder for cells, policies, tables and pictures."""
 
 
-if __name__ == "__main__":
-    options = tyro.cli(Transfer, description=__doc__)
+def main() -> None:
+    """Run the study of the command line, and print its report."""
+    options = read(Transfer, __doc__)
     folder = options.out / options.task
-    print(report(run(STUDIES[options.task], folder, jobs=options.jobs), folder))
+    try:
+        print(report(run(STUDIES[options.task], folder, jobs=options.jobs), folder))
+    except ImpactLawError as error:
+        sys.exit(str(error))
+
+
+if __name__ == "__main__":
+    main()

@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-import tyro
 from tqdm import tqdm
 
-from scripts import machine
+from scripts import machine, options
 
 from . import stepping
 from .orders import time_stepping_orders
@@ -85,7 +84,7 @@ def show(tables: dict[str, pd.DataFrame]) -> str:
 
 def main() -> None:
     """Run the study from the command line."""
-    study = tyro.cli(WorkPrecision, description=__doc__)
+    study = options.read(WorkPrecision, __doc__)
     tables = run(study)
     write(tables, study)
     print(show(tables))

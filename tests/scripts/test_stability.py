@@ -155,9 +155,9 @@ def test_a_row_that_hangs_is_a_row_and_the_next_one_runs(worker):
 
 def test_the_command_writes_every_row_and_fails_where_a_verdict_is_another(tmp_path, capsys, monkeypatch):
     chosen = "two of four gradients are zero"
-    study = stability.Stability(quick=True, cases=(chosen,))
+    study = stability.Stability(quick=True, cases=(chosen,), out=tmp_path)
     with pytest.raises(SystemExit) as end:
-        stability.main(study, tmp_path)
+        stability.main(study)
     assert end.value.code == 0
     table = pd.read_csv(tmp_path / "stability.csv", keep_default_na=False)
     case = cases.CASES[chosen]
@@ -167,7 +167,7 @@ def test_the_command_writes_every_row_and_fails_where_a_verdict_is_another(tmp_p
     strict = verdicts.Case(chosen, case.kind, case.measure, case.laws, case.solvers)  # without expected refusals
     monkeypatch.setitem(stability.CASES, chosen, strict)
     with pytest.raises(SystemExit) as end:
-        stability.main(study, tmp_path)
+        stability.main(study)
     assert end.value.code == 1
     assert "NOT AS EXPECTED: refused instead of right" in capsys.readouterr().out
 
