@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -12,7 +14,7 @@ import mujoco
 
 from impactlaw.envs.episode_seeds import EpisodeSeeds
 from impactlaw.envs.law_distribution import LawDistribution
-from impactlaw.errors import OptionError, RestitutionError, SceneError, UnknownNameError
+from impactlaw.errors import OptionError, PassedOnWarning, RestitutionError, SceneError, UnknownNameError
 from impactlaw.laws import LAWS, Law, make_law, portable
 from impactlaw.laws.restitution.from_scene import scene_law, scene_restitution
 from impactlaw.recording.properties import law_name, law_restitution
@@ -138,6 +140,18 @@ def check_reset(options: Mapping[str, Any] | None, known: Sequence[str] = RESET)
     for name in options or ():
         if name not in known:
             raise UnknownNameError("option of reset", name, known)
+
+
+def warn_of_slips(options: Mapping[str, Any] | None) -> None:
+    """Warn of options of a reset for the wrapped environment that nearly have the name of one of `RESET`."""
+    for name in options or ():
+        near = difflib.get_close_matches(str(name).lower(), RESET, n=1, cutoff=0.8)
+        if near and name not in RESET:
+            warnings.warn(
+                f"option of reset {name!r} is passed on to the wrapped environment; did you mean {near[0]!r}?",
+                PassedOnWarning,
+                stacklevel=3,
+            )
 
 
 def choose_law(model: mujoco.MjModel, law: str | Law | Mapping[str, Any], restitution: Any = None) -> Law:

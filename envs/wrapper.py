@@ -11,7 +11,7 @@ import gymnasium
 import numpy as np
 from gymnasium.utils import RecordConstructorArgs
 
-from impactlaw.envs.law_options import RESET, LawOptions, check_reset, portable_options
+from impactlaw.envs.law_options import RESET, LawOptions, check_reset, portable_options, warn_of_slips
 from impactlaw.envs.logs.episode_log import episode_log
 from impactlaw.envs.placing.gymnasium_steps import ignores_options, place
 from impactlaw.envs.placing.placed_law import PlacedLaw
@@ -208,6 +208,7 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         placed = self.placed
         if ignores_options(self.env) or not isinstance(options, Mapping | None):
             check_reset(options)
+        warn_of_slips(options)
         with placed.seeds.begun(seed):
             placed.prepare_reset(options)
             drawn = self.env.unwrapped.np_random if seed is None else None

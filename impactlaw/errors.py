@@ -149,6 +149,10 @@ class CopyError(ImpactLawError, TypeError):
     """An object cannot be copied or pickled."""
 
 
+class PassedOnWarning(UserWarning):
+    """An option of a reset is passed on to the wrapped environment, but nearly has the name of an option of the law."""
+
+
 class UncompiledWarning(UserWarning):
     """Steps run in Python although compiled steps were asked for."""
 

@@ -11,7 +11,14 @@ from wrapped import hopper, shimmy_task, theirs
 
 from impactlaw import Moreau, Newton
 from impactlaw.envs import ImpactLaw, RandomLaw
-from impactlaw.errors import ImpactLawError, RestitutionError, SceneError, UnknownNameError, WrapperError
+from impactlaw.errors import (
+    ImpactLawError,
+    PassedOnWarning,
+    RestitutionError,
+    SceneError,
+    UnknownNameError,
+    WrapperError,
+)
 from impactlaw.laws import MaximalDissipation
 
 pytestmark = theirs
@@ -181,6 +188,14 @@ def test_options_of_an_environment_inside_are_handed_on_without_ours():
     assert env.law == Moreau(0.25)
     env.reset(seed=0, options={"restitution": 0.25})
     assert inner.taken is None
+
+
+@pytest.mark.parametrize("name", ["restitutoin", "Law", "frction"])
+def test_an_option_for_the_environment_inside_that_is_nearly_one_of_the_laws_is_told(name):
+    inner = Taking(gymnasium.make("Hopper-v5"))
+    with pytest.warns(PassedOnWarning, match=f"'{name}' is passed on to the wrapped environment"):
+        ImpactLaw(inner, "moreau", 0.5).reset(seed=0, options={name: 0.3})
+    assert inner.taken == {name: 0.3}
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["copy", "pickle"])
