@@ -99,6 +99,8 @@ def _range(text: str, coefficient: str) -> tuple[float, float]:
         ends = float(low), float(high if dots else low)
     except ValueError:
         raise StudyError(f"{text!r}: {coefficient!r} is neither a number nor a range such as 0.4..1") from None
-    if not all(map(math.isfinite, ends)) or ends[0] > ends[1]:
+    if not all(map(math.isfinite, ends)):
+        raise StudyError(f"{text!r}: a restitution is a finite number, got {coefficient!r}")
+    if ends[0] > ends[1]:
         raise StudyError(f"{text!r}: a range goes from a lower to a higher number, got {coefficient!r}")
     return ends

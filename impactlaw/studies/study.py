@@ -58,8 +58,8 @@ class Study:
             if scheme not in get_args(Scheme):
                 raise UnknownNameError("scheme", scheme, get_args(Scheme))
         for seed in self.seeds:
-            if not _is_count(seed, 0):
-                raise StudyError(f"a seed is a whole number of 0 or more, got {seed!r}")
+            if not _is_count(seed, 0) or seed >= 2**63:
+                raise StudyError(f"a seed is a whole number from 0 to 2^63 - 1, got {seed!r}")
         for name in ("episodes", "steps"):
             value = getattr(self, name)
             if value is not None and not _is_count(value, 1):
