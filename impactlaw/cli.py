@@ -151,7 +151,6 @@ class RunStudy:
             raise StudyError(f"--quick is a study of its own: leave it out, or --{', --'.join(given)}")
         if not self.quick and not {"tasks", "act"} <= set(given):
             raise StudyError("state --tasks and --act, or --quick")
-        sys.path.append(os.fspath(Path.cwd()))  # where policies of the user's own may be
         study = quick_study() if self.quick else Study(**given)
         table = run(study, self.out, backend=self.backend, address=self.address, jobs=self.jobs)
         print(report(table, self.out))
@@ -240,6 +239,7 @@ def main() -> None:
                 description="Exact, chosen multi-contact impact laws for MuJoCo scenes.",
                 config=(tyro.conf.OmitSubcommandPrefixes,),
             )
+            sys.path.append(os.fspath(Path.cwd()))  # where laws and policies of the user's own may be
             with warnings_of(command):
                 command()
             print(end="", flush=True)  # no error if there is no standard output

@@ -103,6 +103,41 @@ def test_what_a_killed_command_leaves_is_removed_by_the_next_one(run, tmp_path):
     assert not list(tmp_path.glob("out/.unfinished-*"))
 
 
+HALVES = """
+from dataclasses import dataclass
+from impactlaw.laws import Law, Target
+@dataclass(frozen=True)
+class Halves(Law):
+    e: float
+    def target(self, collision):
+        return Target(-self.e * collision.pre_contact_velocity)
+"""
+
+
+def test_a_law_of_ones_own_is_compared_by_its_file(tmp_path):
+    (tmp_path / "halves.py").write_text(HALVES)
+    (tmp_path / "own.json").write_text('{"law class": "halves:Halves", "e": 0.25}')
+    command = [sys.executable, "-c", "import sys; sys.path.remove(''); from impactlaw.cli import main; main()"]
+    command += ["compare", "wedge", "--laws", "./own.json", "moreau", *SHORT]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=600, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "laws: own = Halves(e=0.25), moreau = Moreau(restitution=1.0)" in done.stdout
+    assert (tmp_path / "out" / "wedge" / "own.rrd").exists()
+
+
+def test_files_of_laws_that_would_be_runs_of_one_name_are_refused(run, tmp_path):
+    for name in ("mujoco", "moreau", "own"):
+        (tmp_path / f"{name}.json").write_text('{"law class": "impactlaw.laws.moreau:Moreau", "restitution": 0.25}')
+    for laws, name in ((["mujoco.json"], "mujoco"), (["moreau", "moreau.json"], "moreau")):
+        assert run("compare", "--laws", *laws) == (
+            2,
+            "",
+            f"impactlaw: laws has {name!r} twice: runs are named by their laws\n",
+        )
+    told = "impactlaw: of the laws 'own' none takes a restitution, got 0.5; leave it out\n"
+    assert run("compare", "--laws", "own.json", "--restitution", "0.5") == (2, "", told)
+
+
 def test_compare_writes_into_out_and_prints_the_table(run, tmp_path):
     code, out, err = run("compare", *SHORT)
     assert code == 0, err

@@ -37,7 +37,7 @@ def compare(study: Comparison, folder: Path) -> pd.DataFrame:
     Raises:
         SceneError: the file is not a scene, or not one for rigid stepping; or the timestep or the duration is not a
             positive number, or the duration is shorter than a timestep.
-        OptionError: a law is named twice.
+        OptionError: two runs would have the same name.
         UnknownNameError: there is no such scene or law.
         RestitutionError: a coefficient is not in [0, 1], or a restitution is given but no law takes it.
         MissingExtraError: matplotlib is not installed.
@@ -82,7 +82,8 @@ def compare(study: Comparison, folder: Path) -> pd.DataFrame:
 def choose_laws(model: mujoco.MjModel, names: Sequence[str] | None, restitution: float) -> dict[str, Law]:
     """Return the laws by name, each with the restitution if it takes one; "scene" is the law that the scene carries.
 
-    The default is `DEFAULT_LAWS`, with "scene" only if its restitution differs between pairs of geoms.
+    A law from a file, such as law.json, has the name of the file without .json. The default is `DEFAULT_LAWS`, with
+    "scene" only if its restitution differs between pairs of geoms.
     """
     if names is None:
         own = any(model.numeric(i).name.startswith("restitution/") for i in range(model.nnumeric))
@@ -90,19 +91,24 @@ def choose_laws(model: mujoco.MjModel, names: Sequence[str] | None, restitution:
     if not names:
         known = ", ".join([*(name for name in LAWS if name != Fremond.name), "scene"])
         raise RestitutionError(f"laws is empty: there is nothing to compare; choose from {known}")
-    twice = [name for i, name in enumerate(names) if name in names[:i]]
-    if twice:
-        raise OptionError(f"laws has {twice[0]!r} twice: runs are named by their laws")
 
     def law(name: str) -> Law:
-        return scene_law(model) if name == "scene" else make_law(name, restitution if takes_restitution(name) else None)
+        if name == "scene":
+            return scene_law(model)
+        takes = not name.endswith(".json") and takes_restitution(name)
+        return make_law(name, restitution if takes else None)
 
-    return {name: law(name) for name in names}
+    laws = [law(name) for name in names]
+    runs = ["mujoco", "mujoco-tuned", *(Path(name).name.removesuffix(".json") for name in names)]
+    twice = [run for i, run in enumerate(runs) if run in runs[:i]]
+    if twice:
+        raise OptionError(f"laws has {twice[0]!r} twice: runs are named by their laws")
+    return dict(zip(runs[2:], laws, strict=True))
 
 
 def _check_taken(restitution: float, names: Iterable[str]) -> None:
     """Raise `RestitutionError` if none of the laws takes a restitution."""
-    if not any(name != "scene" and takes_restitution(name) for name in names):
+    if not any(name in LAWS and takes_restitution(name) for name in names):
         laws = ", ".join(map(repr, names))
         raise RestitutionError(f"of the laws {laws} none takes a restitution, got {restitution!r}; leave it out")
 
