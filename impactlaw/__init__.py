@@ -2,6 +2,9 @@
 
 from typing import TYPE_CHECKING, Any
 
+from impactlaw import interrupts as _interrupts  # noqa: F401  (before all that takes long)
+
+# isort: split
 from impactlaw.errors import ImpactLawError
 from impactlaw.laws import (
     AnyOutcome,

@@ -1,6 +1,8 @@
 """Ctrl-C and SIGTERM end a command even where Python loses the exception."""
 
 import signal
+import subprocess
+import sys
 import time
 
 import pytest
@@ -67,6 +69,20 @@ def test_errors_that_come_of_the_end_are_not_told():
         finally:
             raise ValueError("half written")
     assert ended.value.code == 143
+
+
+@pytest.mark.parametrize(("name", "ends"), [("impactlaw", ""), ("other.py", "KeyboardInterrupt")])
+def test_ctrl_c_while_the_command_is_imported_leaves_no_traceback(name, ends, tmp_path):
+    (tmp_path / name).write_text("import impactlaw, signal, time\nsignal.raise_signal(signal.SIGINT)\ntime.sleep(9)\n")
+    command = [sys.executable, str(tmp_path / name)]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False, preexec_fn=heed_interrupts)
+    assert ended.returncode == -signal.SIGINT  # 130 in a shell
+    assert ended.stderr.splitlines()[-1:] == ([ends] if ends else [])
+
+
+def heed_interrupts():
+    """Handle SIGINT, which is ignored if a shell has started the tests in the background."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def test_other_errors_are_raised():
