@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from impactlaw.mechanics.tolerances import FIXED, REACHED, VELOCITY_RANK
 from impactlaw.solvers.least_squares import row_span
@@ -33,8 +34,7 @@ class Bilateral(NamedTuple):
         B = self.basis
         projected = gradients - gradients @ B.T @ B
         projected -= projected @ B.T @ B  # a second time, to remove the rounding errors of the first
-        fixed = np.vecdot(projected, projected) <= FIXED**2 * np.vecdot(gradients, gradients)
-        projected[fixed] = 0.0
+        projected[np.vecdot(projected, projected) <= FIXED**2 * np.vecdot(gradients, gradients)] = 0.0
         return projected
 
     def confine(self, jacobian: np.ndarray, whitened: np.ndarray, constraints: np.ndarray) -> np.ndarray:
@@ -54,6 +54,25 @@ class Reached(NamedTuple):
 
     velocity: np.ndarray
     is_exact: bool
+
+
+def eliminated(gradients: np.ndarray, constraints: np.ndarray, rank: int, inertia: np.ndarray) -> np.ndarray:
+    """Return gradients less their part along constraints in coordinates that depend on others, which is 0, (h, nv).
+
+    The projection of such a gradient has the rounding of what constraints leave of it, not that of all of it. Limits
+    of two joints that a third one drives therefore stay opposite to each other, however little it moves them.
+
+    Args:
+        gradients: ``J``, (h, nv).
+        constraints: ``J_eq``, (m, nv), redundant rows allowed.
+        rank: rank of ``J_eq``, the number of coordinates that depend.
+        inertia: the diagonal of M, (nv,): light coordinates depend on heavy ones.
+    """
+    depend = scipy.linalg.qr(constraints / np.sqrt(inertia), mode="r", pivoting=True)[1][:rank]
+    rows = scipy.linalg.qr(constraints[:, depend].T, mode="r", pivoting=True)[1][:rank]
+    J = gradients - gradients[:, depend] @ np.linalg.solve(constraints[np.ix_(rows, depend)], constraints[rows])
+    J[:, depend] = 0.0
+    return J
 
 
 def velocity_with(gradients: np.ndarray, rates: np.ndarray) -> Reached:

@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike
 
 from impactlaw.errors import InvalidCollisionError, SolverError
 from impactlaw.mechanics.arrays import finite_array, finite_sparse, is_sparse, of_shape
-from impactlaw.mechanics.bilateral import Bilateral, Reached, velocity_with
+from impactlaw.mechanics.bilateral import Bilateral, Reached, eliminated, velocity_with
 from impactlaw.mechanics.block_metric import SparseMetric
 from impactlaw.mechanics.friction import ConeRows, Friction
 from impactlaw.mechanics.kinetic_metric import KineticMetric
-from impactlaw.mechanics.tolerances import FIXED, IDLE
+from impactlaw.mechanics.tolerances import FIXED, IDLE, SHORTENED
 from impactlaw.solvers.problem import row_lengths
 from impactlaw.solvers.sparsity import MOST_DENSE
 
@@ -78,12 +78,9 @@ class Collision:
             raise InvalidCollisionError(f"labels are texts, one for each contact, got {self.labels!r:.100}")
         if len(labels) != h:
             raise InvalidCollisionError(f"{len(labels)} labels for {h} contacts")
-        put = object.__setattr__
-        put(self, "mass_matrix", metric.mass_matrix)
-        put(self, "metric", metric)
-        put(self, "jacobian", jacobian)
-        put(self, "pre_velocity", velocity)
-        put(self, "labels", labels)
+        put, given = object.__setattr__, {"jacobian": jacobian, "pre_velocity": velocity, "labels": labels}
+        for name, value in {"mass_matrix": metric.mass_matrix, "metric": metric, **given}.items():
+            put(self, name, value)
         if self.friction is not None:
             if not isinstance(self.friction, Friction):
                 raise InvalidCollisionError(f"friction of a collision is a Friction, got {self.friction!r:.100}")
@@ -100,10 +97,7 @@ class Collision:
             put(self, "post_surface_velocity", None if np.array_equal(before, after) else after)
         dense = self.friction, self.bilateral_jacobian, self.surface_velocity
         if sparse and any(part is not None for part in dense):
-            raise InvalidCollisionError(
-                "friction, bilateral constraints and moving surfaces are for dense arrays: pass mass_matrix and "
-                "jacobian dense"
-            )
+            raise InvalidCollisionError("friction, constraints and moving surfaces need dense mass_matrix and jacobian")
 
     @classmethod
     def from_mujoco(cls, model: mujoco.MjModel, data: mujoco.MjData, *, friction: bool = False) -> Collision:
@@ -175,8 +169,15 @@ class Collision:
         return replace(self, jacobian=self.jacobian * acts, friction=friction.without(rows)) if rows.any() else self
 
     def _whitened(self, rows: np.ndarray) -> np.ndarray:
-        Y = self.metric.whiten_gradients(rows)
-        return Y if self.bilateral_jacobian is None else self._bilateral.project(Y)
+        Y, constraints = self.metric.whiten_gradients(rows), self.bilateral_jacobian
+        if constraints is None:
+            return Y
+        left = self._bilateral.project(Y)
+        short = left.any(axis=1) & (np.vecdot(left, left) <= SHORTENED**2 * np.vecdot(Y, Y))
+        if short.any():
+            J = eliminated(rows[short], constraints, len(self._bilateral.basis), self.mass_matrix.diagonal())
+            left[short] = self._bilateral.project(self.metric.whiten_gradients(J))
+        return left
 
     @cached_property
     def _bilateral(self) -> Bilateral:
@@ -283,8 +284,6 @@ class Collision:
         It is ``(w- + w+) / 2``, plus the motion along bilateral constraints if these move, ``J_eq v- != 0``.
         """
         rates, jump = self.surface_velocity, self.surface_jump
-        if rates is None and self.bilateral_jacobian is None:
-            return None
         if rates is not None and jump is not None:
             rates = rates + 0.5 * jump
         if self._fixed is not None:
@@ -326,10 +325,8 @@ class Collision:
     @cached_property
     def pre_speed(self) -> float:
         """``|v-|`` in the kinetic metric, sqrt(J); relative to moving surfaces if that is larger."""
-        z = self.whitened_velocity
-        if self.frame_rates is None:
-            return sqrt(z @ z)
-        return sqrt(max(z @ z, self.relative_velocity @ self.relative_velocity))
+        z, relative = self.whitened_velocity, self.relative_velocity
+        return sqrt(z @ z) if relative is z else sqrt(max(z @ z, relative @ relative))
 
     @cached_property
     def kinetic_energy(self) -> float:

@@ -7,6 +7,7 @@ IDLE = 1e-10  # length of a gap gradient, relative to the contact's longest fric
 
 # --- Bilateral constraints and moving surfaces. -----------------------------------------------------------------------
 FIXED = 1e-12  # length of a gradient or velocity after projection, relative to before, up to which it is rounding
+SHORTENED = 0.1  # the same, up to which the rounding of the gradient is large next to what is left of it
 VELOCITY_RANK = 1e-12  # relative singular value up to which a direction is not used
 REACHED = 1e-11  # relative error up to which a velocity of the bodies has the given contact velocities
 

@@ -253,3 +253,25 @@ def test_contacts_that_constraints_hold_have_no_velocity_but_rounding():
         assert impact.residual < 1e-9
         assert impact.violations.is_admissible()
         assert np.isfinite(collision.admissible_set.project(v)).all()
+
+
+def opposite_limits(ratio: float, seed: int) -> Collision:
+    """Return opposite limits of two coordinates that a third one drives by small ratios; the first closes by drifting.
+
+    To open it the third coordinate would have to move so far that the second limit closes.
+    """
+    rng = np.random.default_rng(seed)
+    A, (a, b) = rng.normal(size=(6, 6)), ratio * rng.uniform(0.5, 1.0, 2)
+    unit, velocity = np.eye(6), np.append([-1.0, -2.0 * a, b], rng.normal(size=3))
+    driven = np.array([unit[1] - a * unit[0], unit[2] + b * unit[0]])
+    return Collision(A @ A.T + 0.1 * np.eye(6), unit[1:3], velocity, bilateral_jacobian=driven)
+
+
+@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("ratio", [1.0, 1e-2, 1e-4, 1e-6, 1e-8])
+def test_limits_that_constraints_all_but_fix_stay_opposite(ratio, seed):
+    c = opposite_limits(ratio, seed)
+    with pytest.raises(UnsolvableLawError):
+        Moreau(0.0).resolve(c)
+    impact = Impact.observed(c, c.pre_velocity + np.random.default_rng(seed).normal(size=6))
+    assert impact.impulse @ c.gradient_norms <= 1.001 * impact.intensity

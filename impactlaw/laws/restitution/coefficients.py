@@ -73,9 +73,7 @@ class ContactCoefficients(OfContacts):
         given = self._of_contacts(labels, "coefficients")
         if None in given:
             missing = labels[given.index(None)]
-            raise RestitutionError(
-                f"{name} has no restitution for contact {missing}, and no default: name it, or give one"
-            )
+            raise RestitutionError(f"{name} has no restitution for contact {missing}, and no default: give one")
         if any(map(callable, given)):
             speeds = np.maximum(-collision.pre_contact_velocity, 0.0).tolist()
             given = [_at(e, speed, label) for e, speed, label in zip(given, speeds, labels, strict=True)]

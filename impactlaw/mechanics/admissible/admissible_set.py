@@ -51,9 +51,7 @@ class AdmissibleSet:
         if not hasattr(type(self.collision), "admissible_set"):  # the module of `Collision` imports this one
             raise InvalidCollisionError(f"S(v-) is that of a Collision, got {self.collision!r:.100}")
         if self.collision.friction is not None:
-            raise InvalidCollisionError(
-                "S(v-) is for contacts without friction; FrictionImpact.violations covers those with it"
-            )
+            raise InvalidCollisionError("S(v-) is without friction; FrictionImpact.violations covers contacts with it")
         if not self.collision.has_frame:
             raise InvalidCollisionError(
                 "surfaces move against each other, or their velocity jumps: S(v-) is for surfaces that move together; "

@@ -73,6 +73,63 @@ def test_events_of_a_planar_linkage_that_is_open_can_be_read(angles, speeds, com
     assert [event.impact.energy_change < 0.0 for event in stepper.events] == [True]
 
 
+STIFF = 'solimp=".9999 .9999 .001"'
+# slides: range, the hinge that drives it, ratio, stiffness; then mass of each, position, velocity, control
+ALL_BUT_FIXED = {
+    "impulses of 2e11 N s": (
+        [("1.051e-4 1.146e-4", "hip", -4.232e-4, ""), ("-2.84e-6 2.84e-6", "hip", -6.072e-4, "")],
+        5.3e-3,
+        [4.064e-4, -0.2642, 1.051e-4, 0.0],
+        [0.186, -1.8, 0.0, 1.14e-3],
+        [-1.04, 0.723],
+    ),
+    "SolverError": (
+        [("-2.769e-7 2.769e-7", "hip", 3.436e-5, STIFF), ("2.683e-5 3.017e-5", "hip", -2.118e-4, STIFF),
+         ("-7.48e-5 -1.942e-6", "knee", 2.09e-4, STIFF), ("-3.933e-5 -3.9e-5", "hip", 9.393e-5, "")],
+        1.7e-3,
+        [2.872e-4, -0.02867, -8.266e-8, 2.683e-5, -7.832e-6, -3.917e-5],
+        [-0.234, 0.324, -2.79e-5, 0.0, 1.05e-4, -6.6e-5],
+        [-0.458, 0.898],
+    ),
+}  # fmt: skip
+
+
+def driven_slides(slides, mass):
+    """Return a double pendulum with light slides on its lower link, which one of its hinges drives."""
+    bar = '<joint name="{}" axis="0 1 0" {}/><geom type="capsule" fromto="0 0 0 0 0 -.5" size=".03" mass="{}"/>'
+    bodies = ties = ""
+    for i, (reach, hinge, ratio, solimp) in enumerate(slides):
+        slide = f'<joint name="{i}" type="slide" axis="1 0 0" limited="true" range="{reach}"/>'
+        bodies += f'<body>{slide}<geom size=".01" mass="{mass}"/></body>'
+        ties += f'<joint joint1="{i}" joint2="{hinge}" polycoef="0 {ratio} 0 0 0" {solimp}/>'
+    hip, knee = bar.format("hip", 'limited="true" range="-.05 .05"', 3), bar.format("knee", "", 2)
+    motors = '<motor joint="hip" gear="60"/><motor joint="knee" gear="30"/>'
+    return scene(
+        f'<body>{hip}<body pos="0 0 -.5">{knee}{bodies}</body></body>',
+        f"<equality>{ties}</equality><actuator>{motors}</actuator>",
+        option='timestep=".005"',
+        geom='contype="0" conaffinity="0"',
+    )
+
+
+@every_step
+@pytest.mark.parametrize("name", ALL_BUT_FIXED)
+def test_limits_that_constraints_all_but_fix_have_impulses_of_the_size_of_the_momentum(name, compiled):
+    """Several limits hold one hinge from both sides, by slides that it moves by some 1e-4 m per radian."""
+    slides, mass, *state = ALL_BUT_FIXED[name]
+    model, data = driven_slides(slides, mass)
+    data.qpos[:], data.qvel[:], data.ctrl[:] = state
+    mujoco.mj_forward(model, data)
+    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled)
+    stepper.step(data)
+    sums, (event,) = stepper.sums, stepper.events
+    impact = event.impact
+    speed = impact.collision.pre_speed
+    assert np.abs(impact.impulse * impact.collision.gradient_norms).max() < 10.0 * speed
+    assert abs(impact.surface_work) < 10.0 * speed**2
+    assert sums.surface_work == impact.surface_work
+
+
 def silo():
     """Return model and data of 120 balls above a funnel, between two walls that are a little more than a ball apart."""
     random, r, world = np.random.default_rng(0), 0.02, '<geom type="plane" size="9 9 1" pos="0 0 -.6"/>'
