@@ -32,27 +32,34 @@ def sparse_jacobian(
     return nnz[:n], adr[:n], col[: n * nv], data.efc_J.reshape(-1)
 
 
-@compiled("(float64[::1],float64[:],float64,int32[:],int32[:],int32[:])")
-def leave_open_out(force, gap, touch, dim, exclude, address):
-    """Remove rows of open contacts without force, like those within MuJoCo's gap; return whether any are left.
+@compiled("(float64[::1],float64[:],float64,int32[:],int32[:],int32[:,:],int32[:])")
+def leave_open_out(force, gap, touch, dim, address, contacts, owners):
+    """Move open contacts without force behind the others; return how many the others are.
+
+    Contacts are looked for farther away than MuJoCo lists them: readers of the list and sensors take each for a touch.
 
     Args:
         force: forces of rows with elliptic cones, (n,).
-        gap: gaps of contacts, m, (ncon,).
+        gap: gaps of contacts, m, (ncon,), like the next two part of ``contacts``.
         touch: gap, m, up to which a contact is closed.
         dim: number of rows of each contact, (ncon,).
-        exclude: MuJoCo's reasons to exclude contacts, written, (ncon,).
-        address: first row of each contact, written, (ncon,).
+        address: first row of each contact, (ncon,).
+        contacts: MuJoCo's contacts, whole, (ncon, ..), reordered.
+        owners: contact of each row, or what other rows belong to, (n,), written for rows of contacts.
     """
-    left = False
+    count = 0
     for i in range(len(dim)):
-        if address[i] < 0:
+        if gap[i] > touch and not (address[i] >= 0 and force[address[i] : address[i] + dim[i]].any()):
             continue
-        if gap[i] > touch and not force[address[i] : address[i] + dim[i]].any():
-            exclude[i], address[i] = 1, -1
-        else:
-            left = True
-    return left
+        if count < i:
+            for k in range(contacts.shape[1]):
+                contacts[i, k], contacts[count, k] = contacts[count, k], contacts[i, k]
+        count += 1
+    if count < len(dim):
+        for i in range(len(dim)):
+            if address[i] >= 0:
+                owners[address[i] : address[i] + dim[i]] = i
+    return count
 
 
 @compiled("(float64[::1],int32[:],int32[:],int32[:],float64[:,:],float64[::1])")

@@ -79,7 +79,7 @@ def _sliding(one, other, velocity, arm, rates, first, many):
 
 
 @compiled(
-    "(int32[:,::1],float64[:,::1],float64[:,::1],int32[:,:],int32[::1],int32[::1],float64[:,::1],float64[::1],"
+    "(int32[:,::1],float64[:,::1],float64[:,::1],int32[:,::1],int32[::1],int32[::1],float64[:,::1],float64[::1],"
     "float64[:,::1],float64[:,::1],int32[::1],float64)"
 )
 def bend(groups, amounts, rates, geoms, body_of_geom, shape, velocity, size, center, offset, parent, timestep):
@@ -156,11 +156,18 @@ class EndCorrection:
         self._model, self._size, self._options, self._reader = model, size, options, reader
         self._scratch: mujoco.MjData | None = None
 
-    def shift(self, data: mujoco.MjData, rows: Rows, metric: Inertia) -> np.ndarray | None:
-        """Return the velocity, (nv,), that opens the overlaps of data within one timestep; None if there are none."""
+    def shift(self, data: mujoco.MjData, rows: Rows, geoms: np.ndarray, metric: Inertia) -> np.ndarray | None:
+        """Return the velocity, (nv,), that opens the overlaps of data within one timestep; None if there are none.
+
+        Args:
+            data: state and frames at the end of the step.
+            rows: the rows of the step.
+            geoms: geoms of the contacts that these rows belong to, (ncon, 2).
+            metric: the mass matrix of the step.
+        """
         model, h = self._model, self._model.opt.timestep
         depth = bend(
-            rows.groups, rows.amounts, rows.rates, data.contact.geom, model.geom_bodyid, model.geom_type, data.cvel,
+            rows.groups, rows.amounts, rows.rates, geoms, model.geom_bodyid, model.geom_type, data.cvel,
             self._size, data.xipos, model.body_ipos, model.body_parentid, h,
         )  # fmt: skip
         if depth == 0.0:

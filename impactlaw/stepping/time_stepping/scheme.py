@@ -53,7 +53,7 @@ from impactlaw.stepping.time_stepping.free_motion import (
     update_inertia,
 )
 from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
-from impactlaw.stepping.time_stepping.problem.forces import sense, write_forces
+from impactlaw.stepping.time_stepping.problem.forces import listed_stage, sense, write_forces
 from impactlaw.stepping.time_stepping.problem.gradient_turns import take_turns
 from impactlaw.stepping.time_stepping.problem.reader import RowReader
 from impactlaw.stepping.time_stepping.problem.rows import Known, Rows
@@ -106,6 +106,7 @@ class TimeStepping:
         self._options = TemporaryOptions(model)
         self._sizes = np.zeros(model.nbody)
         self.inertial = InertialForces(model)
+        self._listed = listed_stage(model)
         self._end_correction = EndCorrection(model, self._sizes, self._options, self._reader)
         self._state = empty_state(model)
         self._left: tuple[bytes, ...] = ()
@@ -201,6 +202,7 @@ class TimeStepping:
             0.0 if self._surfaces is None else 1.0 + self._surfaces.meet,
             0.0,
             float(self._options.stands),
+            float(self._listed),
         )
 
     def step(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
@@ -257,9 +259,9 @@ class TimeStepping:
         self._held = np.zeros(model.nv)
         if self._found is not None and not self._found.collisions:
             self._held = data.qvel - free
-        if model.nsensordata:
-            sense(model, data, self._velocity)
         data.qpos[:] = self._middle
+        if model.nsensordata:
+            sense(model, data, self._velocity, self._listed)
         mj_integratePos(model, data.qpos, data.qvel, 0.5 * h)
         if shift is not None:
             mj_integratePos(model, data.qpos, shift, h)
@@ -271,7 +273,7 @@ class TimeStepping:
         model.opt.cone = _ELLIPTIC
         shift = None
         if self._rows is not None and met:  # overlaps that are squeezed cannot be opened
-            shift = self._end_correction.shift(data, self._rows, self._metric)
+            shift = self._end_correction.shift(data, self._rows, self._geoms, self._metric)
         if shift is not None:
             mj_integratePos(model, data.qpos, shift, h)
             update_frames(model, data)
@@ -298,7 +300,8 @@ class TimeStepping:
                 self._model, data, self._options, self._velocity, free, self._middle, self._sizes, self._surfaces
             )
             outcome, farther = working_set.find(data, outcome.known), farther + 1
-        self._found = found = outcome.impulses
+        self._found, self._geoms = outcome.impulses, data.contact.geom.copy()
+        found = self._found
         data.qpos[:] = self._middle  # the integrator has changed it: limits are counted at the midpoint
         write_forces(
             self._model, data, self._velocity, self._options.cone, (outcome.rows, found.impulse) if found else None

@@ -35,7 +35,18 @@ from impactlaw.stepping.compiled.access import (
     velocity_of,
 )
 from impactlaw.stepping.compiled.dense import encode_pyramids, leave_open_out
-from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, flags, floats, keep, put_int
+from impactlaw.stepping.compiled.fields import (
+    CONTACT,
+    DATA,
+    MODEL,
+    SIZE,
+    address_of,
+    flags,
+    floats,
+    keep,
+    put_int,
+    table_ints,
+)
 from impactlaw.stepping.compiled.tied_contacts import leave_tied_out
 from impactlaw.stepping.time_stepping.compiled.impulses.contact_problem import count, count_entries, read
 from impactlaw.stepping.time_stepping.compiled.model_copy import limit_margins, widen_limits
@@ -68,15 +79,24 @@ def _update_inertia(w):
 
 
 @kernel
+def _leave_open_out(w, force):
+    """Remove open contacts without force from MuJoCo's list; return how many are left. ``force`` is (nefc,)."""
+    many, each = number(w, DATA.ncon), offset(w, SIZE.contact) // 4
+    count = leave_open_out(
+        force, contact_floats(w, CONTACT.dist, 1)[:, 0], LEAST, contact_ints(w, CONTACT.dim, 1)[:, 0],
+        contact_ints(w, CONTACT.efc_address, 1)[:, 0], table_ints(data_at(w, DATA.contact), many, each),
+        data_ints(w, DATA.efc_id, len(force)),
+    )  # fmt: skip
+    put_int(w.data + offset(w, DATA.ncon), np.int32(count))
+    return count
+
+
+@kernel
 def _write_pyramids(w, force):
     """Write forces of rows with elliptic cones, (nefc,), as forces of rows with pyramidal cones."""
     elliptic, dim = integers(number(w, DATA.ncon)), contact_ints(w, CONTACT.dim, 1)[:, 0]
     address = contact_ints(w, CONTACT.efc_address, 1)[:, 0]
     put(elliptic, address)
-    distance, exclude = contact_floats(w, CONTACT.dist, 1)[:, 0], contact_ints(w, CONTACT.exclude, 1)[:, 0]
-    if not leave_open_out(force, distance, LEAST, dim, exclude, address):
-        put(data_floats(w, DATA.efc_force, len(force)), force)
-        return
     put_int(w.model + offset(w, MODEL.opt_cone), np.int32(_PYRAMIDAL))
     mj.make_constraint(w.model, w.data)
     encode_pyramids(
@@ -97,10 +117,12 @@ def write_forces(w, rows, x, start, cone, force):
         force[rows.sparse[2, r]] = rows.rates[0, r] * x[r] / h
     mj.mul_jac_t_vec(w.model, w.data, data_at(w, DATA.qfrc_constraint), address_of(force))
     write_acceleration(w, start)
-    if cone == _PYRAMIDAL and number(w, DATA.ncon) > 0 and setting(w, SETTING.forces) != 0.0:
+    put(data_floats(w, DATA.efc_force, len(force)), force)
+    shown = setting(w, SETTING.forces) != 0.0
+    if number(w, DATA.ncon) == 0 or not (shown or size(w, MODEL.nsensordata) > 0):
+        return
+    if _leave_open_out(w, force) > 0 and shown and cone == _PYRAMIDAL:
         _write_pyramids(w, force)
-    else:
-        put(data_floats(w, DATA.efc_force, len(force)), force)
 
 
 @plain
@@ -170,11 +192,22 @@ def _move_apart(now, qpos, metric, rows, depth):
 
 
 @plain
-def correct_end(w, rows):
-    """Open overlaps at the end of a step that gradients at the midpoint have not shown."""
+def copy_pairs(w, pairs):
+    """Copy the geoms of contacts, two for each, (2 ncon,)."""
+    geoms = contact_ints(w, CONTACT.geom, 2)
+    for i in range(len(geoms)):
+        pairs[2 * i], pairs[2 * i + 1] = geoms[i, 0], geoms[i, 1]
+
+
+@plain
+def correct_end(w, rows, pairs):
+    """Open overlaps at the end of a step that gradients at the midpoint have not shown.
+
+    ``pairs`` are the geoms of the contacts that the rows belong to, see `copy_pairs`.
+    """
     nbody, ngeom, h = size(w, MODEL.nbody), size(w, MODEL.ngeom), w.timestep
     depth = bend(
-        rows.groups, rows.amounts, rows.rates, contact_ints(w, CONTACT.geom, 2),
+        rows.groups, rows.amounts, rows.rates, pairs.reshape((-1, 2)),
         model_ints(w, MODEL.geom_bodyid, ngeom), model_ints(w, MODEL.geom_type, ngeom), rows_of(w, DATA.cvel, nbody, 6),
         floats(w.sizes, nbody), rows_of(w, DATA.xipos, nbody, 3),
         model_floats(w, MODEL.body_ipos, 3 * nbody).reshape((nbody, 3)), model_ints(w, MODEL.body_parentid, nbody), h,

@@ -11,6 +11,7 @@ from impactlaw.solvers.cones.algebra.loops import (
     clear,
     cleared,
     copied,
+    integers,
     kernel,
     marks,
     norm,
@@ -24,6 +25,7 @@ from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import data_floats, nonzeros_of, number, size, velocity_of
 from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, float_at, floats, int_at, keep, long_at
 from impactlaw.stepping.time_stepping.compiled.end_of_step import (
+    copy_pairs,
     correct_end,
     finish,
     limit_energy,
@@ -71,6 +73,7 @@ from impactlaw.stepping.time_stepping.problem.solution.scaling import RESERVE
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, HUGE, MANY_ROUNDS, SHORTFALL_LIMIT, WIDER_DETECTIONS
 
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+_POS, _VEL = int(mujoco.mjtStage.mjSTAGE_POS), int(mujoco.mjtStage.mjSTAGE_VEL)
 _OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
 
 
@@ -78,6 +81,7 @@ _OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
 def _end(w, start, middle, shift, opens):
     """Move data to the end of the step and update frames; return `status.FINE`, or that data is huge."""
     if size(w, MODEL.nsensordata) > 0:
+        put(data_floats(w, DATA.qpos, len(middle)), middle)
         _sense(w, start)
     _to_end(w, middle, shift, opens)
     if _is_huge(data_floats(w, DATA.qpos, len(middle)), velocity_of(w)):
@@ -109,7 +113,7 @@ def _finish(w, memory, counts, left, frames, collided, missed):
 @plain
 def _constrain(
     w, law, memory, counts, held, start, middle, bias, turning, gravity, full, cone, jacobian, chosen, seen, mark,
-    force, room, narrow, may, work,
+    force, pairs, room, narrow, may, work,
 ):  # fmt: skip
     """Take the rest of a step with constraints, from its middle.
 
@@ -139,6 +143,7 @@ def _constrain(
         for i in range(w.nv):
             held[i] = after[i] - free[i]
     put(data_floats(w, DATA.qpos, len(middle)), middle)  # the integrator changed it: limits need the midpoint
+    copy_pairs(w, pairs)  # MuJoCo's list of contacts becomes shorter
     write_forces(w, rows, answer.x, start, cone, force)
     if touched:
         if setting(w, SETTING.sums) != 0.0:
@@ -151,7 +156,7 @@ def _constrain(
     counts[MEMORY.solved] = met and not found.later and not outruns
     status = _end(w, start, middle, answer.shift, solved.opens)
     if status == FINE and touched and met:  # overlaps that are squeezed cannot be opened
-        correct_end(w, rows)
+        correct_end(w, rows, pairs)
     if status == FINE:
         memory[MEMORY.short_steps] += counts[MEMORY.solved] == 0 or solved.residual > SHORTFALL_LIMIT
         memory[MEMORY.inadmissible] += solved.collided and (solved.share < 1.0 or solved.created > 0.0)
@@ -190,10 +195,11 @@ def _step(w, law, memory, margins, cone, loaded):
         jacobian, chosen, seen, mark = nonzeros_of(w), marks(n), marks(n), cleared(size(w, MODEL.ntree))
         entries = count_entries(w, jacobian, mark)
         block, force = numbers(lay_out(FIRST, n, entries, nv)[1]), numbers(n)
+        pairs = integers(2 * number(w, DATA.ncon))
         room = lay_out(address_of(block), n, entries, nv)[0]
         status, collided, missed = _constrain(
             w, law, memory, counts, held, start, middle, bias, turning, gravity, full, cone, jacobian, chosen, seen,
-            mark, force, room, narrow, farther < WIDER_DETECTIONS, allowed,
+            mark, force, pairs, room, narrow, farther < WIDER_DETECTIONS, allowed,
         )  # fmt: skip
         keep(block)
         if status == FARTHER:
@@ -216,12 +222,16 @@ def _is_huge(qpos, qvel):
 
 @kernel
 def _sense(w, start):
-    """Compute the sensors that depend on accelerations and forces, at the middle of the step."""
-    qvel = velocity_of(w)
+    """Compute the sensors that depend on accelerations and forces, at the middle of the step; see `forces.sense`."""
+    qvel, listed = velocity_of(w), setting(w, SETTING.listed)
     after = copied(qvel)
     put(qvel, start)
     mj.com_vel(w.model, w.data)
     hide_far_limits(w)
+    if listed >= _POS:
+        mj.sensor_pos(w.model, w.data)
+    if listed >= _VEL:
+        mj.sensor_vel(w.model, w.data)
     mj.sensor_acc(w.model, w.data)
     hide_far_limits(w)
     put(qvel, after)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import mujoco
 import numpy as np
+from numpy.lib.stride_tricks import as_strided
 
 from impactlaw.compiled import for_python
 from impactlaw.solvers.cones.algebra.loops import plain
@@ -14,6 +15,8 @@ from impactlaw.stepping.time_stepping.margins import LEAST
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
+_CONTACT = int(mujoco.mjtSensor.mjSENS_CONTACT)
+_POS, _VEL, _ACC = int(mujoco.mjtStage.mjSTAGE_POS), int(mujoco.mjtStage.mjSTAGE_VEL), int(mujoco.mjtStage.mjSTAGE_ACC)
 _JOINT_LIMIT, _TENDON_LIMIT = (
     int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT),
     int(mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON),
@@ -64,21 +67,40 @@ def write_forces(
         force[rows.row] = rows.scale * impulse / h
     mujoco.mj_mulJacTVec(model, data, data.qfrc_constraint, force)
     data.qacc[:] = (data.qvel - start) / h
-    if cone == _PYRAMIDAL and data.ncon:
-        model.opt.cone, contact = _PYRAMIDAL, data.contact
-        elliptic = contact.efc_address.copy()
-        if leave_open_out(force, contact.dist, LEAST, contact.dim, contact.exclude, contact.efc_address):
-            mujoco.mj_makeConstraint(model, data)
-            contact = data.contact
-            encode_pyramids(force, elliptic, contact.efc_address, contact.dim, contact.friction, data.efc_force)
-            return
     data.efc_force[:] = force
+    if not data.ncon or not _leave_open_out(data, force) or cone != _PYRAMIDAL:
+        return
+    model.opt.cone, elliptic = _PYRAMIDAL, data.contact.efc_address.copy()
+    mujoco.mj_makeConstraint(model, data)
+    contact = data.contact
+    encode_pyramids(force, elliptic, contact.efc_address, contact.dim, contact.friction, data.efc_force)
 
 
-def sense(model: mujoco.MjModel, data: mujoco.MjData, start: np.ndarray) -> None:
-    """Compute the sensors that depend on accelerations and forces, at the middle of the step."""
+def _leave_open_out(data: mujoco.MjData, force: np.ndarray) -> int:
+    """Remove open contacts without force from ``data.contact``; return how many are left."""
+    contact, each = data.contact, data.contact.dist.strides[0]
+    whole = as_strided(contact.dist[:1].view(np.int32), (data.ncon, each // 4), (each, 4))  # dist is the first field
+    data.ncon = leave_open_out(force, contact.dist, LEAST, contact.dim, contact.efc_address, whole, data.efc_id)
+    return data.ncon
+
+
+def listed_stage(model: mujoco.MjModel) -> int:
+    """Return the last stage, before that of forces, in which sensors read the list of contacts; 0 if none do."""
+    of_contacts = model.sensor_needstage[model.sensor_type == _CONTACT]
+    return int(of_contacts[of_contacts < _ACC].max(initial=0))
+
+
+def sense(model: mujoco.MjModel, data: mujoco.MjData, start: np.ndarray, listed: int) -> None:
+    """Compute the sensors that depend on accelerations and forces, at the middle of the step.
+
+    Those that depend on the list of contacts are computed again, since it is shorter now (`listed_stage`).
+    """
     after = data.qvel.copy()
     data.qvel[:] = start
     mujoco.mj_comVel(model, data)
+    if listed >= _POS:
+        without_far_limits(mujoco.mj_sensorPos, model, data)
+    if listed >= _VEL:
+        without_far_limits(mujoco.mj_sensorVel, model, data)
     without_far_limits(mujoco.mj_sensorAcc, model, data)
     data.qvel[:] = after

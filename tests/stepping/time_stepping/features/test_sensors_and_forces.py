@@ -57,23 +57,71 @@ def test_a_box_that_slides_feels_friction(cone):
     assert data.cfrc_ext[1, 3:] == pytest.approx([-0.9 * G, 0, 3 * G], abs=1e-5)
 
 
-@pytest.mark.parametrize("compiled_option", ["auto", "never"])
-def test_contacts_that_are_near_but_open_have_no_rows_of_pyramids(compiled_option):
-    falling_box = '<body pos="2 0 .17"><freejoint/><geom type="box" size=".1 .1 .1"/></body>'
-    model, data = compiled(SENSED + falling_box, SENSORS, option='cone="pyramidal"')
-    data.qvel[8] = -20.0  # m/s
+NEAR = """<body name="near" pos="2 0 .17"><freejoint/><geom name="near" type="box" size=".1 .1 .1"/></body>"""
+TOUCHES = """<sensor><contact geom1="near" data="found" num="1"/><contact geom1="box" data="found dist" num="1"/>
+    <contact body1="b" data="found force" reduce="netforce"/>
+    <contact geom1="near" data="found linvel" num="1"/></sensor>"""
+both = pytest.mark.parametrize("compiled_option", ["auto", "never"])
+cones = pytest.mark.parametrize("cone", ["pyramidal", "elliptic"])
+
+
+@both
+@cones
+@pytest.mark.parametrize("order", [1, -1])
+def test_contacts_that_are_near_but_open_are_not_listed(compiled_option, cone, order):
+    model, data = compiled("".join((SENSED, NEAR)[::order]), TOUCHES, option=f'cone="{cone}"')
+    data.joint(model.body("near").jntadr[0]).qvel[2] = -20.0  # m/s
     run(stepping(model, Moreau(0.5), compiled=compiled_option), data, 1)
-    contact, forces = data.contact, np.zeros((data.ncon, 6))
-    for i in range(data.ncon):
+    assert (data.contact.geom == sorted([model.geom("box").id, 0])).all()
+    assert data.ncon == 4
+    assert (data.contact.dist < 1e-6).all()
+    assert (data.contact.efc_address >= 0).all()
+    assert data.sensordata[:2] == pytest.approx([0, 4])
+    assert data.sensordata[3:7] == pytest.approx([4, 0, 0, -3 * G], abs=1e-7)
+    assert (data.sensordata[7:] == 0.0).all()
+    forces = np.zeros((4, 6))
+    for i in range(4):
         mujoco.mj_contactForce(model, data, i, forces[i])
-    resting = contact.dist < 1e-6
-    assert resting.sum() == 4
-    assert data.ncon == 8
-    assert (contact.efc_address[resting] >= 0).all()
-    assert (contact.efc_address[~resting] == -1).all()
-    assert data.nefc == 4 * 4
-    assert forces[resting, 0].sum() == pytest.approx(3 * G, rel=1e-8)
-    assert not forces[~resting].any()
+    assert forces[:, 0].sum() == pytest.approx(3 * G, rel=1e-8)
+    address, count = data.contact.efc_address, 4 if cone == "pyramidal" else 3
+    for i in range(4):
+        assert (data.efc_id[address[i] : address[i] + count] == i).all()
+    if cone == "pyramidal":
+        assert data.nefc == 4 * 4
+
+
+@both
+@cones
+def test_a_ball_that_bounces_touches_when_it_collides(compiled_option, cone):
+    """MuJoCo's list of contacts and a contact sensor tell the steps in which the ball collides, and no others."""
+    ball = NEAR.replace('type="box" size=".1 .1 .1"', 'size=".1"')
+    model, data = compiled(SENSED + ball, TOUCHES, option=f'cone="{cone}"')
+    data.qvel[8] = -3.0  # m/s
+    stepper, collisions, listed = stepping(model, Moreau(0.5), compiled=compiled_option), 0, 0
+    for _ in range(200):
+        stepper.step(data)
+        mine = np.flatnonzero((data.contact.geom == model.geom("near").id).any(axis=1))
+        force = np.zeros(6)
+        for i in mine:
+            mujoco.mj_contactForce(model, data, i, force)
+            assert force[0] > 0.0
+        assert data.sensordata[0] == len(mine)
+        collisions += stepper.sums.collisions
+        listed += len(mine)
+    assert listed == collisions == 2
+
+
+@cones
+def test_compiled_steps_and_steps_in_python_list_the_same_contacts(cone):
+    model, _ = compiled(SENSED + NEAR + falling(), TOUCHES, option=f'cone="{cone}"')
+    ways = [(stepping(model, Moreau(0.5), compiled=one), mujoco.MjData(model)) for one in ("auto", "never")]
+    for _ in range(200):
+        for stepper, data in ways:
+            stepper.step(data)
+        (_, mine), (_, theirs) = ways
+        assert mine.ncon == theirs.ncon
+        for name in ("geom", "dim", "efc_address", "dist", "pos", "frame", "friction"):
+            np.testing.assert_allclose(getattr(mine.contact, name), getattr(theirs.contact, name), atol=1e-9)
 
 
 def test_force_and_torque_sensors_of_a_held_arm():

@@ -27,6 +27,7 @@ class Settings(NamedTuple):
     surfaces: int = 10  # whether mocap bodies move during a step, and meet other bodies, see `surfaces`; else 0
     sums: int = 11  # 1 if sums over collisions are asked for
     stands: int = 12  # 1 if cylinders can stand on planes
+    listed: int = 13  # see `forces.listed_stage`
 
 
 SETTING = Settings()
