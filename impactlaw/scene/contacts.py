@@ -181,7 +181,7 @@ def collide(model: mujoco.MjModel, data: mujoco.MjData, standing: StandingCylind
 
     With the result of `standing_cylinders`, the contacts of cylinders that stand on planes are corrected.
     """
-    if standing is None:
+    if standing is None or not standing.can_meet():
         _find_contacts(model, data)
         return
     frames = data.geom_xmat.copy()
@@ -279,7 +279,8 @@ def gap_gradients(model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts
 
 def some_short(J: np.ndarray) -> bool:
     """Return whether a row of J may be only rounding, see `gap_gradients`."""
-    return bool(np.vecdot(J, J).min(initial=1.0) <= SHORT**2)
+    squares = np.vecdot(J, J)
+    return len(squares) > 0 and squares.item(squares.argmin()) <= SHORT**2
 
 
 def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
