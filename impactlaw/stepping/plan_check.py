@@ -15,6 +15,7 @@ from impactlaw.stepping.compatibility import check_scene_friction
 from impactlaw.stepping.plan import Plan, make_plan
 
 _FRICTION = ("geom_friction", "geom_condim", "geom_priority", "pair_friction", "pair_dim")
+_COEFFICIENTS = ("geom_friction", "geom_priority", "pair_friction")  # used where a condim is larger than 1
 _CONTACT = ("geom_contype", "geom_conaffinity")
 _LIMITED = ("jnt_limited", "tendon_limited")
 _FILTER_PARENT = int(mujoco.mjtDisableBit.mjDSBL_FILTERPARENT)
@@ -80,7 +81,10 @@ class PlanCheck:
 
     def _keep(self) -> None:
         self._parents = self._model.opt.disableflags & _FILTER_PARENT
-        self._kept = [(name, getattr(self._model, name).tobytes()) for name in self._names]
+        model = self._model
+        rubs = (model.geom_condim > 1).any() or (model.pair_dim > 1).any()
+        names = (name for name in self._names if rubs or name not in _COEFFICIENTS)
+        self._kept = [(name, getattr(model, name).tobytes()) for name in names]
 
     def _compare(self, name: str) -> None:
         """Check everything that a change of this field may affect."""

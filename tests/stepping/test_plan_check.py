@@ -313,3 +313,16 @@ def test_geoms_with_friction_that_meet_others_later(way):
     let_meet(model)
     with pytest.raises(SceneError, match=r"contacts have friction since model.geom_con"):
         stepper.step(data)
+
+
+def test_coefficients_of_friction_count_once_a_condim_lets_them():
+    model, data = block('condim="1" friction="0 0 0"')
+    stepper = Stepper(model, Moreau(0.5))
+    model.geom_friction[:, 0] = 0.5
+    stepper.step(data)
+    model.geom_friction[:, 0] = 0.0
+    model.geom_condim[:] = 3
+    stepper.step(data)
+    model.geom_friction[:, 0] = 0.5
+    with pytest.raises(SceneError, match=r"contacts have friction since model.geom_friction was changed"):
+        stepper.step(data)
