@@ -13,6 +13,7 @@ from impactlaw.errors import InadmissibleImpactError, UnsolvableLawError
 from impactlaw.laws import Coulomb, Law, Target
 from impactlaw.laws.base import aim
 from impactlaw.laws.tolerances import INFLUENCE
+from impactlaw.mechanics.admissible.violations import Violations, measured, pushed
 from impactlaw.mechanics.bilateral import Bilateral
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction import Friction
@@ -58,24 +59,25 @@ class Closed(NamedTuple):
         np.logical_or.at(found, (owner[:, None], owner), rows)
         return found
 
-    def collision(self, chosen: np.ndarray, metric: KineticMetric, velocity: np.ndarray) -> Collision:
-        """Return the collision of the chosen contacts, (k,) indices, at a velocity, (nv,)."""
-        some = self.select(chosen)
-        before, after = some.drift_before, some.drift
+    def collision(self, metric: KineticMetric, velocity: np.ndarray) -> Collision:
+        """Return the collision of these contacts at a velocity, (nv,)."""
+        before, after = self.drift_before, self.drift
         return Collision(
             metric.mass_matrix,
-            some.jacobian,
+            self.jacobian,
             velocity,
-            labels=some.contacts.labels,
+            labels=self.contacts.labels,
             metric=metric,
             bilateral_jacobian=self.bilateral,
             surface_velocity=after if before is None else before,
             post_surface_velocity=None if before is None else after,
-            friction=some.friction,
+            friction=self.friction,
         )
 
     def select(self, which: np.ndarray) -> Closed:
-        """Return the chosen contacts, int (k,)."""
+        """Return the chosen contacts, int (k,), ascending."""
+        if len(which) == len(self.contacts):
+            return self
         return Closed(
             self.contacts.select(which),
             self.jacobian[which],
@@ -151,21 +153,22 @@ class Collider:
         while True:
             gamma = closed.contact_velocity(velocity)
             approaching = gamma < -approach
-            if not approaching.any():
+            if not np.count_nonzero(approaching):
                 return velocity
             final = len(events) >= self.most
             if final:
                 chosen = np.arange(len(gamma))
             else:
-                chosen = np.flatnonzero(gamma <= np.maximum(rounding, opening))
-                if not approaching[chosen].all():
+                chosen = (gamma <= np.maximum(rounding, opening)).nonzero()[0]
+                if np.count_nonzero(approaching[chosen]) < len(chosen):
                     if coupled is None and work is not None:
                         work.couple(len(gamma) + (0 if closed.friction is None else len(closed.friction)))
                     coupled = closed.coupled(metric) if coupled is None else coupled
                     chosen = _reached(coupled, chosen, approaching)
             if work is not None:
                 work.collide(len(chosen), friction=closed.friction is not None)
-            collision = closed.collision(chosen, metric, velocity)
+            some = closed.select(chosen)
+            collision = some.collision(metric, velocity)
             law = self.last_law if final else self.law
             limited = {"effort": work} if work is not None and isinstance(law, Coulomb) else {}
             if not final and np.any(gamma[chosen] > rounding[chosen]):
@@ -176,8 +179,7 @@ class Collider:
             else:
                 impact = law.resolve(collision, solver=self.solver, **limited)
             by_law, impact = impact, self._admissible(impact, rounding[chosen], time)
-            where = closed.contacts.select(chosen), impact, qpos.copy()
-            events.append(ImpactEvent(time, *where, projected=impact is not by_law))
+            events.append(ImpactEvent(time, some.contacts, impact, qpos.copy(), impact is not by_law))
             before, velocity = velocity, impact.post_velocity
             if final or np.array_equal(before, velocity):  # a law that changes nothing now changes nothing next time
                 return velocity
@@ -198,13 +200,13 @@ class Collider:
     def _admissible(self, impact: Impact, rounding: np.ndarray, time: float) -> Impact:
         if self.on_inadmissible == "allow":
             return impact
-        v = impact.violations
-        if v.is_admissible():
+        collision, slowest = impact.collision, -_sharp(impact, rounding)
+        opens = bool(np.all(impact.post_contact_velocity >= slowest))  # what opened by rounding may close by rounding
+        if opens and impact.__class__ is Impact and _violations_if_open(impact).is_admissible():
             return impact
-        slowest = -_sharp(impact, rounding)
-        if replace(v, kinematic=0.0).is_admissible() and np.all(impact.post_contact_velocity >= slowest):
-            return impact  # a contact that opened by rounding may close by rounding
-        collision = impact.collision
+        v = impact.violations
+        if v.is_admissible() or (opens and replace(v, kinematic=0.0).is_admissible()):
+            return impact
         if self.on_inadmissible == "project":
             if not collision.has_admissible_set:
                 return self.last_law.resolve(collision, solver=self.solver)
@@ -251,6 +253,12 @@ def as_closed(law: Law) -> Law:
 @as_closed.register
 def _(law: Coulomb) -> Law:
     return replace(law, law=as_closed(law.law))
+
+
+def _violations_if_open(impact: Impact) -> Violations:
+    """Return the violations without that of penetration, which may take a solver."""
+    c, jump = impact.collision, impact.whitened_jump
+    return measured(c, jump, np.zeros(0), *pushed(c, jump, impact.found_impulse), c.pre_speed)
 
 
 def _sharp(impact: Impact, rounding: np.ndarray) -> np.ndarray:

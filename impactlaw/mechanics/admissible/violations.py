@@ -62,7 +62,7 @@ def pushed(c: Any, jump: np.ndarray, impulse: np.ndarray) -> tuple[float, float]
 
     The gain is the change of kinetic energy less the work of moving surfaces.
     """
-    if (impulse < 0).any():
+    if np.count_nonzero(impulse < 0):
         impulse = nonnegative_combination(c.whitened_jacobian, jump)
     gain = float(jump @ (c.whitened_velocity + 0.5 * jump))
     if c.frame_rates is not None:
@@ -83,7 +83,7 @@ def larger_speed(c: Any, jump: np.ndarray) -> float:
 
 def _penetration(c: Any, jump: np.ndarray, after: np.ndarray) -> float:
     """Return the distance from v+ to the tangent cone, ``min |x|, gamma+ + Y x >= 0``, sqrt(J)."""
-    if not (after < 0).any():
+    if not np.count_nonzero(after < 0):
         return 0.0
     Y = c.whitened_jacobian
     back = None if c.frame_rates is not None else -(c.relative_velocity + jump)
