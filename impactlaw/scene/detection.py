@@ -54,7 +54,7 @@ class Distances(NamedTuple):
 
     def beyond(self, distance: float) -> Distances:
         """Return the pairs whose distance is larger than a given one, m."""
-        far = np.flatnonzero(self.distance > distance)
+        far = (self.distance > distance).nonzero()[0]
         return self if len(far) == len(self.distance) else Distances(*(part[far] for part in self))
 
 

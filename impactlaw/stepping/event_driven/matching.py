@@ -28,8 +28,13 @@ class Matched(NamedTuple):
 
         Both rims of a foil are next to each other, and only one of them can be the contact that was held.
         """
-        again = self.known[self.now.pattern.vague & np.isin(self.known, held)]
-        return bool(np.isin(held, self.known).all()) and len(np.unique(again)) == len(again)
+        if not among(held, self.known).all():
+            return False
+        vague = self.now.pattern.vague
+        if not np.count_nonzero(vague):
+            return True
+        again = self.known[vague & among(self.known, held)]
+        return len(np.unique(again)) == len(again)
 
 
 class Continued(NamedTuple):
@@ -59,12 +64,19 @@ def match(contact_set: ContactSet, phase: Phase) -> np.ndarray:
     velocity (so slow an impact is over within the phase), and was not thrown open there.
     """
     before, now = phase.start.pattern, contact_set.pattern
+    if before is now and now.all_single:
+        return np.arange(len(now))
     if not before or not now:
         return np.full(len(now), -1)
     if not (before.all_single and now.all_single):
         return _match_points(contact_set, phase)
-    index = np.minimum(np.searchsorted(before.key, now.key), len(before) - 1)
+    index = np.minimum(before.key.searchsorted(now.key), len(before) - 1)
     return np.where(before.key[index] == now.key, index, -1)
+
+
+def among(index: np.ndarray, some: np.ndarray) -> np.ndarray:
+    """Return which indices of contacts are among the others, where -1 is no contact, bool (h,)."""
+    return (index[:, None] == some[some >= 0]).any(axis=1)
 
 
 def refound(known: np.ndarray, held: np.ndarray, contact_set: ContactSet, phase: Phase) -> np.ndarray:

@@ -25,7 +25,7 @@ class TrialStep(NamedTuple):
     @classmethod
     def of(cls, phase: Phase, phase_end: PhaseEnd, keep: Callable[[], PhaseEnd] | None) -> TrialStep:
         """Return the trial step for the contacts at the end of a phase, of which some are not held."""
-        opened = np.flatnonzero(~phase_end.sustained)
+        opened = (~phase_end.sustained).nonzero()[0]
         clear = _clear(phase_end.gap[opened], phase_end.known[opened], phase)
         least = int(clear.argmin())
         return cls(phase, phase_end, clear.item(least), opened.item(least), keep)
@@ -51,7 +51,7 @@ class TrialStep(NamedTuple):
     def observations(self) -> Iterator[Observation]:
         """Contacts that are not held, by gap; those that were not near at the start are identified by their geoms."""
         now, known, sustained = self.phase_end
-        opened = np.flatnonzero(~sustained)
+        opened = (~sustained).nonzero()[0]
         known = known[opened]
         contact = np.where(known >= 0, known, -1 - now.pattern.key[opened])
         gap = _clear(now.gap[opened], known, self.phase)
@@ -64,7 +64,7 @@ class TrialStep(NamedTuple):
 def _clear(gap: np.ndarray, known: np.ndarray, phase: Phase) -> np.ndarray:
     """Return the gaps at the end of a phase, relative to the start for contacts that overlapped there."""
     start = phase.start.gap
-    if start.min(initial=0.0) >= -phase.tolerance:
+    if not len(start) or start.item(start.argmin()) >= -phase.tolerance:
         return gap
     before = np.where(known >= 0, start[known], 0.0)
     return gap - np.where(before < -phase.tolerance, before, 0.0)

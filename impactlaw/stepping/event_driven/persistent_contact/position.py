@@ -8,6 +8,7 @@ With the gaps at the end of a phase, in the kinetic metric, by Gauss-Newton:
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ import numpy as np
 from impactlaw.errors import UnfinishedStepError, UnsolvableLawError
 from impactlaw.solvers import Problem, solve_with_jump
 from impactlaw.stepping.event_driven.contact_state import CORRECTED, ContactState, Phase, PhaseEnd, stays
+from impactlaw.stepping.event_driven.matching import among
 from impactlaw.stepping.work import Work
 
 DetectAgain = Callable[[float], tuple[ContactState, np.ndarray]]
@@ -73,7 +75,7 @@ def hold_position(phase_end: PhaseEnd, phase: Phase, detect_again: DetectAgain, 
         shift = wanted
         configuration.shift(shift, qpos=end)
         before, (now, known) = known, detect_again(reach)
-        if np.abs(configuration.data.geom_xpos - place).max(initial=0.0) > limit:
+        if np.count_nonzero(np.abs(configuration.data.geom_xpos - place) > limit):
             raise UnfinishedStepError("equality constraints leave contacts next to no motion: they were not held")
         if known is not before and not np.array_equal(known, before):
             if not among(before[active & (before >= 0)], known).all():  # pushed out of the range of the look
@@ -103,17 +105,12 @@ def _is_corrected(phase_end: PhaseEnd, active: np.ndarray, phase: Phase) -> bool
     return bool(sustained.all()) or not np.count_nonzero(stays(gap, phase_end.known, phase) & ~sustained)
 
 
-def among(index: np.ndarray, some: np.ndarray) -> np.ndarray:
-    """Return which indices of contacts are among the others, where -1 is no contact, bool (h,)."""
-    return (index[:, None] == some[some >= 0]).any(axis=1)
-
-
 def _correction(phase_end: PhaseEnd, shift: np.ndarray, phase: Phase, cuts: Cuts) -> Correction:
     """Return the shift that opens the contacts, linearized at the scene shifted by ``shift``, (nv,)."""
     contact_set, gap, sustained = phase_end.contact_set, phase_end.gap, phase_end.sustained
     J = contact_set.jacobian
     while True:
-        rows = np.flatnonzero(sustained)
+        rows = sustained.nonzero()[0]
         gradients, least, part = J[rows], J[rows].dot(shift) - gap[rows], contact_set.yielding[rows]
         if len(cuts.least):
             phase.work.cut(len(least) + len(cuts.least))
@@ -134,7 +131,7 @@ def _correction(phase_end: PhaseEnd, shift: np.ndarray, phase: Phase, cuts: Cuts
 def _opening_impulse(gradients: np.ndarray, least: np.ndarray, work: Work) -> np.ndarray:
     """Return `least_impulse`, with 0 for contacts of bodies that cannot give way, or cannot all give way at once."""
     able = np.vecdot(gradients, gradients) > 0
-    if able.all():
+    if np.count_nonzero(able) == len(able):
         try:
             return least_impulse(gradients, least)
         except UnsolvableLawError as conflict:
@@ -148,4 +145,7 @@ def _opening_impulse(gradients: np.ndarray, least: np.ndarray, work: Work) -> np
 
 def least_impulse(gradients: np.ndarray, bound: np.ndarray) -> np.ndarray:
     """Return ``p`` with ``0 <= p  ⊥  Y Y^T p >= c``, (h,); see `Problem`."""
+    if len(bound) == 1 and (square := (gradients @ gradients.T).item()) > 0.0:
+        inverse = 1.0 / sqrt(square)
+        return np.maximum(bound * inverse * inverse, 0.0)
     return solve_with_jump(Problem(gradients, bound), ("",) * len(bound), shared=False).impulse
