@@ -64,13 +64,13 @@ class Configuration:
         Contact that is held during the phase acts within that integration. With M alone it would throw joints whose
         ``tau D`` is larger than M, and the forces that the next phase feels would not settle.
         """
-        self._phase, self._factored = (duration, self.data.M[self._diagonal]), False
+        self._phase, self._factored = (duration, self.data.M.copy()), False
 
     def _find_added(self) -> None:
         """Find what implicit damping adds to M, from what the phase left in data, before the next phase."""
         if self._phase is not None:
-            duration, inertia = self._phase
-            self._known, self._phase = implicit_inertia(self.model, self.data, duration, inertia), None
+            duration, M = self._phase
+            self._known, self._phase = implicit_inertia(self.model, self.data, duration, M[self._diagonal]), None
             if duration > 0.0:
                 self._damping = None if self._known is None else self._known / duration
 
@@ -125,7 +125,8 @@ class Configuration:
         mujoco.mj_mulM(self.model, self.data, result, velocity)
         if self._stiffness is not None:
             result += self._stiffness.dot(velocity)
-        return result if self._added is None else result + self._added * velocity
+        added = self._added
+        return result if added is None else result + added * velocity
 
     def velocity(self, momentum: np.ndarray) -> np.ndarray:
         """Return ``M^-1 p``, (nv,)."""
@@ -158,9 +159,9 @@ class Configuration:
         return result
 
     def _factor(self) -> None:
-        self.refresh()
-        if self._factored:
+        if self._factored and self._current:
             return
+        self.refresh()
         if self._stiffness is not None:
             dense = mass_matrix(self.model, self.data) + self._stiffness
             if self._added is not None:

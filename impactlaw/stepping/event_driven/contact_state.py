@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import mujoco
 import numpy as np
 
 from impactlaw.scene.contacts import Contacts
@@ -20,6 +21,7 @@ SILENT = 0.1
 """Contact velocities below this part of `ContactState.still` count as rounding, even if rounding itself is smaller."""
 
 _ROUNDING = 1e-13  # rounding of a contact velocity in the kinetic metric, relative to the velocity of the whole scene
+_CLEAR = 1e-4  # contact velocity relative to that of the scene that is no rounding whatever M is (cond M < 1e18)
 _STILL = 1e-3  # part of the gap tolerance that a contact must cross in a timestep to count as moving
 
 
@@ -38,7 +40,7 @@ class ContactState(NamedTuple):
     still: float  # largest contact velocity that counts as still: it crosses almost no distance in a timestep, m/s
     velocity: np.ndarray  # qvel, (nv,)
     contact_velocity: np.ndarray  # ``gamma``, m/s, (h,)
-    noise: np.ndarray  # size of the rounding errors of gamma, m/s, (h,)
+    noise: np.ndarray  # size of the rounding errors of gamma, m/s, (h,); 0 if it decides nothing here
     quiet: bool  # whether all contacts are closed, and neither move nor need a correction of position
     active: np.ndarray | None = None  # contacts that the last phase had to hold, bool (h,); None if there was no phase
     # forces with which the phase held them if there is friction; None if there were none
@@ -52,10 +54,10 @@ class ContactState(NamedTuple):
         gap = contact_set.gap
         closed = gap <= tolerance
         still = _STILL * tolerance / timestep
-        velocity, gamma, noise, silent = _motion(contact_set, SILENT * still)
-        quiet = (
-            silent and contact_set.pattern.friction is None and bool((closed & (gap >= -CORRECTED * tolerance)).all())
-        )
+        velocity, gamma, noise, silent = _motion(contact_set, closed, SILENT * still)
+        quiet = silent and contact_set.pattern.friction is None
+        if quiet and len(gap):
+            quiet = -CORRECTED * tolerance <= gap.item(gap.argmin()) and gap.item(gap.argmax()) <= tolerance
         return cls(contact_set, closed, still, velocity, gamma, noise, quiet)
 
     def moving(
@@ -65,7 +67,7 @@ class ContactState(NamedTuple):
         force: np.ndarray | None = None,
     ) -> ContactState:
         """Return the same contacts with the current velocities."""
-        velocity, gamma, noise, _ = _motion(self.contact_set, SILENT * self.still)
+        velocity, gamma, noise, _ = _motion(self.contact_set, self.closed, SILENT * self.still)
         motion = velocity, gamma, noise, False
         if self._may_jump(active):  # and forces may jump with the points
             force = None
@@ -74,6 +76,8 @@ class ContactState(NamedTuple):
     def _may_jump(self, active: np.ndarray | None) -> bool:
         """Return whether points of held contacts may jump on common faces; the point on a rim runs along it instead."""
         vague = self.pattern.vague if active is None else self.pattern.vague & active
+        if not np.count_nonzero(vague):
+            return False
         key = self.pattern.key[vague]
         return bool(np.count_nonzero(vague & ~self.pattern.rolling)) or len(np.unique(key)) < len(key)
 
@@ -112,19 +116,44 @@ class ContactState(NamedTuple):
         """Contact velocities below which motion cannot be distinguished from rounding, m/s, (h,)."""
         return np.maximum(self.noise, self.still)
 
+    def approaches(self, held: np.ndarray) -> bool:
+        """Return whether one of these closed contacts, bool (h,), approaches now, however slowly."""
+        held = held & self.closed & (self.contact_velocity < 0.0)
+        if not np.count_nonzero(held):
+            return False
+        return bool(np.count_nonzero(held & (self.contact_velocity < -self.noise_now())))
+
+    def noise_now(self) -> np.ndarray:
+        """Return the noise of all contacts, also where nothing here depends on it; this is the current state."""
+        return _noise(self.contact_set, self.velocity)
+
     @property
     def collides(self) -> bool:
         """Whether a closed contact approaches."""
         return bool(np.count_nonzero(self.closed & (self.contact_velocity < -self.rounding)))
 
 
-def _motion(contact_set: ContactSet, silent: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
-    """Return v, gamma, the noise of gamma, and whether gamma is only noise."""
-    configuration = contact_set.configuration
-    velocity = configuration.data.qvel.copy()
+def _motion(
+    contact_set: ContactSet, closed: np.ndarray, silent: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
+    """Return v, gamma, the noise of gamma, and whether gamma is only noise for all closed contacts.
+
+    Where each of these is still, or clearly moves, nothing depends on the noise, which takes a factor of M.
+    """
+    velocity = contact_set.configuration.data.qvel.copy()
     gamma = contact_set.contact_velocity(velocity)
-    noise = (_ROUNDING * configuration.kinetic_norm(velocity)) * contact_set.lengths
-    return velocity, gamma, noise, not np.count_nonzero(np.abs(gamma) > silent)
+    speed = np.abs(gamma)
+    moves = closed & (speed > silent)
+    if not np.count_nonzero(moves):
+        return velocity, gamma, 0.0 * gamma, True
+    J = contact_set.jacobian
+    unclear = speed <= (_CLEAR * mujoco.mju_norm(velocity)) * np.sqrt(np.vecdot(J, J))
+    return velocity, gamma, _noise(contact_set, velocity) if np.count_nonzero(moves & unclear) else 0.0 * gamma, False
+
+
+def _noise(contact_set: ContactSet, velocity: np.ndarray) -> np.ndarray:
+    """Return the size of the rounding errors of contact velocities at the current configuration, m/s, (h,)."""
+    return (_ROUNDING * contact_set.configuration.kinetic_norm(velocity)) * contact_set.lengths
 
 
 class Phase(NamedTuple):

@@ -24,6 +24,7 @@ way.
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -65,6 +66,7 @@ _SLIGHT = 1e6  # largest overlap left by time stepping that is opened at once, i
 _FAR = 1e3  # largest distance by which bodies may be moved to open an overlap, in depths of the overlap
 _GAINED = 0.02  # energy that the drift of constraints may add to a collision, relative to that of its velocity jump
 _MANY = 0.5  # part of max_events above which collisions count as many, if the step cannot be finished
+_FEW = 20  # degrees of freedom below which linear algebra starts no threads
 _ENDED = 1e-6  # part of the kinetic energy that E = 0 may take after max_events collisions
 _UNFINISHED = DivergenceError, SolverError, UnfinishedStepError, UnsolvableLawError, np.linalg.LinAlgError
 
@@ -202,7 +204,7 @@ class RigidStepping:
             return ()
         if waits:
             raise UnfinishedStepError("the step before was not finished")
-        with one_thread(), has_room(data):
+        with nullcontext() if self._model.nv < _FEW else one_thread(), has_room(data):
             start = self._take(events)
         data.time = end
         if self._surfaces is not None:
@@ -276,7 +278,8 @@ class RigidStepping:
             )
         if self._rest is not None and self._ties(state):
             raise UnfinishedStepError('equality constraints tie bodies that touch; scheme="time-stepping" leaves them')
-        if clearance(state.contact_set).min(initial=0.0) < -_DEEP * self._tolerance:
+        depth = clearance(state.contact_set)
+        if len(depth) and depth.item(depth.argmin()) < -_DEEP * self._tolerance:
             reason = 'smaller timesteps, or scheme="time-stepping", may hold them'
             overlap = refuse(state.contact_set, self._tolerance, reason)
             raise UnfinishedStepError(f"contacts were not held: {overlap}")
@@ -309,9 +312,9 @@ class RigidStepping:
     def _collide(self, start: ContactState, events: list[ImpactEvent]) -> ContactState:
         """Resolve the collisions at this time."""
         data, before = self._configuration.data, len(events)
-        closed = np.flatnonzero(start.closed)
+        closed = start.closed.nonzero()[0]
         self._check_calm(start)
-        rounding = start.rounding[closed]
+        rounding = np.maximum(start.noise_now(), start.still)[closed]
         data.qvel[:] = self._collider.collide(
             self._metric_now(),
             start.contact_set.closed(closed),

@@ -52,7 +52,7 @@ def hold(
     if np.count_nonzero(sustained & amiss):
         phase_end = hold_position(phase_end, phase, detect_again, felt.shift)
     now, _, sustained = phase_end
-    if phase.start.force is None and not np.count_nonzero(sustained & now.closed & (now.contact_velocity < -now.noise)):
+    if phase.start.force is None and not now.approaches(sustained):
         return phase_end, None
     return _hold_velocity(phase_end, phase, free, felt), None
 
@@ -61,7 +61,7 @@ def _hold_velocity(phase_end: PhaseEnd, phase: Phase, velocity: np.ndarray, felt
     """Keep closed contacts that are sustained from approaching; return the contacts with the resulting velocity."""
     now, contact_set = phase_end.now, phase_end.contact_set
     data = now.configuration.data
-    held, active = np.flatnonzero(phase_end.sustained & now.closed), np.zeros(len(now.gap), dtype=bool)
+    held, active = (phase_end.sustained & now.closed).nonzero()[0], np.zeros(len(now.gap), dtype=bool)
     if not len(held):
         data.qvel[:] = velocity
         return phase_end._replace(now=now.moving(active))
