@@ -123,7 +123,7 @@ class Surfaces:
             mujoco.mju_normalize4(quat)  # as MuJoCo does when it places the body
         self.goes_on = going_on = self._time == data.time
         self._time, self._duration = data.time, duration
-        if going_on and self.still and np.array_equal(target, self._target):
+        if going_on and self.still and target.tobytes() == self._target.tobytes():
             return
         put = ~self._can_go(target, duration) if going_on else np.ones(len(target), dtype=bool)
         start = np.where(put[:, None], target, self._target)
@@ -180,6 +180,10 @@ class Surfaces:
     def end(self, data: mujoco.MjData) -> None:
         """End the step now, with its target poses."""
         self.aim(data)
+        self.end_there(data)
+
+    def end_there(self, data: mujoco.MjData) -> None:
+        """End the step now; the bodies are in their target poses."""
         self._time = data.time
 
     def aim(self, data: mujoco.MjData) -> None:

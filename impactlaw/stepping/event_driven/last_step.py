@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from impactlaw.stepping.event_driven.contact_state import ContactState
@@ -12,22 +10,12 @@ from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 from impactlaw.stepping.plan import Plan
 
 
-class _Left(NamedTuple):
-    """The state that contacts depend on, as the last step has left it."""
-
-    qpos: bytes  # position, as bytes
-    qvel: bytes  # velocity, as bytes
-    timestep: float  # s
-    disabled: int  # flags of the options
-    equalities: bytes  # which equality constraints are active, as bytes
-
-
 class LastStep:
     """The end of the last step; empty before the first step."""
 
     def __init__(self, phases: SmoothPhases, plan: Plan):
         self._phases, self._plan = phases, plan
-        self._left: _Left | None = None
+        self._left: tuple[bytes, int, bytes, float, bytes] | None = None  # see `_now`
         self._contacts: ContactState | None = None
         self._shortcut: Shortcut | None = None
 
@@ -53,7 +41,7 @@ class LastStep:
     def is_here(self) -> bool:
         """Return whether the configuration is that at the end of the last step, so that the same contacts are near."""
         now, left = self._phases.configuration.data.qpos.tobytes(), self._left
-        return left is not None and left.qpos == now and left.disabled == self._phases.options.disabled
+        return left is not None and left[0] == now and left[1] == self._phases.options.disabled
 
     def take_shortcut(self, state: np.ndarray) -> bool:
         """Take a step from the current state, which is saved, by the shortcut that was found; return whether it lasts.
@@ -69,7 +57,7 @@ class LastStep:
             self._phases.configuration.restore(state)
             return False
         if self._phases.surfaces is not None:
-            self._phases.surfaces.end(self._phases.configuration.data)
+            self._phases.surfaces.end_there(self._phases.configuration.data)
         self._contacts, self._left = None, self._now()
         return True
 
@@ -80,10 +68,11 @@ class LastStep:
         if collided or not self._plan.rest:
             return None
         if not is_still(self._phases, contacts.velocity, contacts.still):
-            return find_together(contacts)
+            return find_together(self._phases, contacts)
         return find_rest(self._phases, state, contacts)
 
-    def _now(self) -> _Left:
+    def _now(self) -> tuple[bytes, int, bytes, float, bytes]:
+        """Return what contacts depend on: qpos, flags of the options, qvel, timestep, s, and active equalities."""
         data, options = self._phases.configuration.data, self._phases.options
         equalities = data.eq_active.tobytes() if self._plan.bilateral else b""
-        return _Left(data.qpos.tobytes(), data.qvel.tobytes(), options.timestep, options.disabled, equalities)
+        return data.qpos.tobytes(), options.disabled, data.qvel.tobytes(), options.timestep, equalities

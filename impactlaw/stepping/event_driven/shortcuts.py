@@ -22,6 +22,8 @@ from impactlaw.stepping.event_driven.location.travel import Frames
 from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 from impactlaw.stepping.integration import saved_qpos, saved_qvel
 
+_MANY = 100  # number of pairs of geoms that can meet, above which some that are in reach of each other are often apart
+
 
 class Shortcut(Protocol):
     """A fact about the last step that may also hold in the next one, which starts where the last one ended."""
@@ -39,7 +41,9 @@ class Apart:
 
     def lasts(self, phases: SmoothPhases) -> Shortcut | None:
         """See `Shortcut`."""
-        return Apart(phases.frames()) if phases.stay_apart(self.frames) else None
+        if not phases.stay_apart(self.frames):
+            return None
+        return self if self.frames is None else Apart(phases.frames())
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,10 +54,13 @@ class Together:
     """
 
     pattern: Pattern  # pattern of these contacts, the only ones that are near
+    frames: Frames | None  # frames of all geoms at the start of the step, where they are worth a copy; else None
 
     def lasts(self, phases: SmoothPhases) -> Shortcut | None:
         """See `Shortcut`."""
-        return self if phases.stay_together(self.pattern) else None
+        if not phases.stay_together(self.pattern, self.frames):
+            return None
+        return self if self.frames is None else Together(self.pattern, phases.frames())
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,9 +95,11 @@ class Rest:
         return None
 
 
-def find_together(end: ContactState) -> Together | None:
+def find_together(phases: SmoothPhases, end: ContactState) -> Together | None:
     """Return the shortcut `Together` if contacts stay closed without force at the end of a step, else None."""
-    return Together(end.pattern) if end.quiet and end.pattern.plain else None
+    if not (end.quiet and end.pattern.plain):
+        return None
+    return Together(end.pattern, phases.frames() if phases.pairs > _MANY else None)
 
 
 def is_still(phases: SmoothPhases, velocity: np.ndarray, still: float) -> bool:

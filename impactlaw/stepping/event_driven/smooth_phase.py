@@ -44,6 +44,7 @@ class SmoothPhases:
         configuration: the configuration of the scene, which is advanced.
         tolerance: the gap tolerance, m.
         farthest: the attribute of `Travel`.
+        pairs: number of pairs of geoms that can meet.
         work: the counter of work, as given.
         options: a context to be entered (``with``) around every use.
         surfaces: surfaces that move by themselves; None if the scene has none.
@@ -57,12 +58,19 @@ class SmoothPhases:
         self._exact = exact
         self.work = work
         self._travel = Travel(model, plan.pairs, passing=plan.passing, turning=plan.turning)
-        self._passing = plan.passing
+        self._passing, self.pairs = plan.passing, len(plan.pairs.geoms)
         self.farthest = self._travel.farthest
         self.options = self._detector.options
         self.surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces else None
         self.configuration = Configuration(model, self.surfaces)
-        self._dips = Dips(self.configuration, self._detector, self._travel, near=self._near, tolerance=gap_tolerance)
+        self._dips = Dips(
+            self.configuration,
+            self._detector,
+            self._travel,
+            pairs=self.pairs,
+            near=self._near,
+            tolerance=gap_tolerance,
+        )
 
     @property
     def is_steady(self) -> bool:
@@ -89,10 +97,12 @@ class SmoothPhases:
         self.configuration.damp(duration)
         self.configuration.update()
 
-    def _is_short(self, before: np.ndarray, duration: float) -> bool:
+    def _is_short(self, before: np.ndarray, duration: float, reach: float | None = None) -> bool:
         """Return whether the velocities at both ends of a phase, (nv,), rule out that a body passed through another."""
+        travel, after = self._travel, self.configuration.data.qvel
+        reach = travel.reach(before, after, duration) if reach is None else reach
         drift = 0.0 if self.surfaces is None else self.surfaces.speed
-        return self._travel.is_short(before, self.configuration.data.qvel, duration, drift=drift)
+        return travel.is_short(before, after, duration, reach=reach, drift=drift)
 
     def detect(self, within: float) -> ContactSet:
         """Return all current contacts with a gap up to ``within``, m or rad, and possibly others."""
@@ -123,21 +133,29 @@ class SmoothPhases:
         Without frames at the start, the answer is derived from velocities only.
         """
         before, timestep = self.configuration.data.qvel.copy(), self.options.timestep
-        return self._try_timestep(before, start) and self._dips.is_clear(start, before, timestep)
+        reach = self._try_timestep(before, start)
+        return reach is not None and self._dips.is_clear(start, before, timestep, reach)
 
-    def stay_together(self, pattern: Pattern) -> bool:
+    def stay_together(self, pattern: Pattern, start: Frames | None = None) -> bool:
         """Advance by a whole timestep with closed contacts; return whether all are still closed, uncorrected."""
         before, timestep = self.configuration.data.qvel.copy(), self.options.timestep
+        reach = self._try_timestep(before, start)
+        if reach is None:
+            return False
         gaps = (-CORRECTED * self.tolerance, self.tolerance)
-        return self._try_timestep(before) and self._dips.are_together(pattern, before, timestep, gaps)
+        return self._dips.are_together(pattern, start, before, timestep, reach, gaps)
 
-    def _try_timestep(self, before: np.ndarray, start: Frames | None = None) -> bool:
-        """Advance by a timestep; return whether no body can have passed through another meanwhile."""
+    def _try_timestep(self, before: np.ndarray, start: Frames | None) -> float | None:
+        """Advance by a timestep; return its `Travel.reach`, None if a body can have passed through another meanwhile.
+
+        Without frames at the start, this is derived from velocities only.
+        """
         data, timestep = self.configuration.data, self.options.timestep
         self.advance(timestep)
-        if self._is_short(before, timestep):
-            return True
-        return start is not None and self._travel.is_safe(start, before, data, timestep)
+        reach = self._travel.reach(before, data.qvel, timestep)
+        if self._is_short(before, timestep, reach):
+            return reach
+        return reach if start is not None and self._travel.is_safe(start, before, data, timestep) else None
 
     def advance_to_contact(
         self, state: np.ndarray, start: ContactState, duration: float, *, hold_all: bool
@@ -269,7 +287,7 @@ class SmoothPhases:
         self.work.look(len(found.known))
         if start.force is None or start.active is None:
             return found
-        active = np.flatnonzero(start.active)
+        active = start.active.nonzero()[0]
         if found.continues(active):
             return found
         shift = PredictedForce.of(self.configuration, start.force, phase.duration).shift

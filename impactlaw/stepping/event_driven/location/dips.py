@@ -20,15 +20,17 @@ from impactlaw.scene.patterns import Pattern
 from impactlaw.scene.tolerances import SKIN
 from impactlaw.stepping.event_driven.configuration import Configuration
 from impactlaw.stepping.event_driven.contact_set import ContactSet
-from impactlaw.stepping.event_driven.contact_state import PhaseEnd
+from impactlaw.stepping.event_driven.contact_state import ContactState, PhaseEnd
 from impactlaw.stepping.event_driven.location.travel import Frames, Travel
 from impactlaw.stepping.event_driven.location.trial_step import TrialStep
-from impactlaw.stepping.event_driven.matching import match
+from impactlaw.stepping.event_driven.matching import among, match
 
 _TRIALS = 12  # largest number of trial steps for the lowest point of one gap; smooth gaps take one or two
 _TURNS = 0.1  # part of the longest turn up to which the nearest points of bodies stay in place
 _INNER = 0.02  # distance of a trial step from the ends of its bracket, as a part of the bracket
 _WIDE = 1e-2  # part of the scene's size above which the crude bound on motion is too wide for a look at contacts
+_WIDE_FOR_FEW = 5e-2  # the same if so few pairs of geoms can meet that hardly more of them are found
+_FEW = 20  # number of such pairs
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 
@@ -44,21 +46,29 @@ class Dips:
     """Finds the gaps that have closed and opened again within a phase."""
 
     def __init__(
-        self, configuration: Configuration, detector: Detector, travel: Travel, *, near: float, tolerance: float
+        self,
+        configuration: Configuration,
+        detector: Detector,
+        travel: Travel,
+        *,
+        pairs: int,
+        near: float,
+        tolerance: float,
     ):
         self._configuration, self._detector, self._travel = configuration, detector, travel
         self._near, self._tolerance = near, tolerance
         self._extent = float(configuration.model.stat.extent)
+        self._wide = (_WIDE if pairs > _FEW else _WIDE_FOR_FEW) * self._extent
 
-    def is_clear(self, start: Frames | None, before: np.ndarray, duration: float) -> bool:
+    def is_clear(self, start: Frames | None, before: np.ndarray, duration: float, reach: float) -> bool:
         """Return whether no contact is near now, nor can have been closed within the phase that has just ended.
 
-        ``start`` are the frames at its start, None if they are not known.
+        ``start`` are the frames at its start, None if they are not known, and ``reach`` is its `Travel.reach`.
         """
         data, detector = self._configuration.data, self._detector
         if detector.is_at_limit(data, self._near):
             return False
-        reach = self._reach(before, duration)
+        reach = self._reach(before, duration, reach)
         apart = detector.distances(data, max(reach, self._near))
         if apart is None:
             return True
@@ -67,17 +77,25 @@ class Dips:
         detector.refresh(data, self._near, detector.empty[0])
         return True
 
-    def are_together(self, pattern: Pattern, before: np.ndarray, duration: float, gaps: tuple[float, float]) -> bool:
+    def are_together(
+        self,
+        pattern: Pattern,
+        start: Frames | None,
+        before: np.ndarray,
+        duration: float,
+        reach: float,
+        gaps: tuple[float, float],
+    ) -> bool:
         """Return whether only contacts of a plain pattern are near now, all closed, and no other was closed meanwhile.
 
         ``gaps`` are the smallest and the largest gap that count as closed, m; see `Detector.are_closed`.
         """
         data, detector = self._configuration.data, self._detector
-        reach = self._reach(before, duration)
+        reach = self._reach(before, duration, reach)
         if detector.are_closed(data, max(reach, self._near), pattern, gaps):
             return True
         apart = Distances.of(data)
-        if reach <= self._near or apart is None or self._opened(apart, None, before, duration, reach):
+        if reach <= self._near or apart is None or self._opened(apart, start, before, duration, reach):
             return False
         return detector.are_closed(data, self._near, pattern, gaps)
 
@@ -88,9 +106,10 @@ class Dips:
         data, apart = self._configuration.data, apart.beyond(self._near + SKIN)
         if start is None:
             travel = self._travel.by(before, data.qvel, duration) + self._drift(duration)
+            opened = travel[apart.geoms].sum(axis=1)
         else:
-            travel = self._travel.between(start, data) + 0.5 * self._bend(before, duration)  # of each of two geoms
-        if not np.count_nonzero(apart.distance <= travel[apart.geoms].sum(axis=1) + SKIN):
+            opened = self._travel.along(start, data, apart) + self._bend(before, duration)
+        if not np.count_nonzero(apart.distance <= opened + SKIN):
             return False
         found = self._detect(reach)
         return bool(np.count_nonzero(self._opens(found, before, duration) & (found.gap > self._near)))
@@ -105,14 +124,15 @@ class Dips:
         """
         phase, data, now = trial.phase, self._configuration.data, trial.phase_end.now
         before, duration = phase.start.velocity, phase.duration
-        within = self._reach(before, duration)
+        within = self._reach(before, duration, self._travel.reach(before, data.qvel, duration))
         if within <= self._near:
             return None
         found, known = now.contact_set, trial.phase_end.known
-        apart = self._detector.distances(data, within)
-        if apart is not None and len((apart := apart.beyond(self._near + SKIN)).distance):
+        apart, near = self._detector.distances(data, within), now.pattern
+        others = near.several or data.ncon > near.geom_contacts
+        if others and apart is not None and len((apart := apart.beyond(self._near + SKIN)).distance):
             opened = self._travel.along(phase.start.frames, data, apart) + self._bend(before, duration)
-            if np.count_nonzero(apart.distance <= opened + SKIN):
+            if self._are_new(apart.geoms[apart.distance <= opened + SKIN], phase.start):
                 found = self._detect(within)
                 known = match(found, phase)
                 phase.work.look(len(known))
@@ -124,6 +144,14 @@ class Dips:
         if not suspects:
             return None
         return self._search(suspects, trial, state, try_for, within)
+
+    def _are_new(self, geoms: np.ndarray, start: ContactState) -> bool:
+        """Return whether a pair of geoms, (k, 2), did not start the phase with its only contact closed."""
+        if not len(geoms) or not np.count_nonzero(start.closed):
+            return len(geoms) > 0
+        key, (first, second) = start.pattern.key[start.closed & start.pattern.single], geoms.T
+        pairs = np.minimum(first, second) * self._configuration.model.ngeom + np.maximum(first, second)
+        return not among(pairs, key).all()
 
     def _search(
         self,
@@ -232,12 +260,16 @@ class Dips:
         change = self._configuration.data.qvel - before
         return 0.5 * self._travel.reach(change, 0.0 * before, duration) + self._drift(duration)
 
-    def _reach(self, before: np.ndarray, duration: float) -> float:
-        """Return a bound on how much closer two geoms can have come in a phase, m, at most the size of the scene."""
-        after, drift = self._configuration.data.qvel, 2.0 * self._drift(duration)
-        reach = self._travel.reach(before, after, duration) + drift
-        if reach > _WIDE * self._extent:
-            reach = 2.0 * float(self._travel.by(before, after, duration).max(initial=0.0)) + drift
+    def _reach(self, before: np.ndarray, duration: float, reach: float) -> float:
+        """Return a bound on how much closer two geoms can have come in a phase, m, at most the size of the scene.
+
+        ``reach`` is the phase's `Travel.reach`, m.
+        """
+        if reach > self._wide:
+            travel = self._travel.by(before, self._configuration.data.qvel, duration)
+            reach = 2.0 * max(travel.tolist(), default=0.0)
+        if self._configuration.surfaces is not None:
+            reach += 2.0 * self._drift(duration)
         return min(reach, self._extent)
 
 

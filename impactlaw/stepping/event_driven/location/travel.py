@@ -51,24 +51,27 @@ class Travel:
         self._round = not turning
         self._passable = passing or turning
         self._chains = self._reaches(pairs.geoms[np.isfinite(thin[pairs.geoms])])
-        self._reach, self._short = self._chains.max(axis=0, initial=0.0), 0.5 * self._thickness.min(initial=np.inf)
+        self._bounds, self._short = self._chains, 0.5 * self._thickness.min(initial=np.inf)
         if not self._round:
             self._short = min(self._short, 1.0)
-            self._reach[self._spins] = np.maximum(self._reach[self._spins], self._short)
-        self.farthest = float(np.linalg.norm(self._reach))
+            turned = self._spins & ((self._chains > 0.0) | ~self._chains.any(axis=0))
+            self._bounds = np.maximum(self._chains, self._short * turned)
+        self.farthest = float(np.linalg.norm(self._bounds.max(axis=0, initial=0.0)))
 
-    def is_short(self, before: np.ndarray, after: np.ndarray, duration: float, *, drift: float = 0.0) -> bool:
+    def is_short(
+        self, before: np.ndarray, after: np.ndarray, duration: float, *, reach: float, drift: float = 0.0
+    ) -> bool:
         """Return whether no body can have passed through another, or turned so far that orientations alias.
 
-        This is a bound from the velocities, (nv,), at both ends of a phase, and the largest speed of surfaces that move
-        by themselves, m/s. Where it fails, `between` is more precise.
+        This is a bound from the velocities, (nv,), at both ends of a phase, their `reach`, and the largest speed of
+        surfaces that move by themselves, m/s. Where it fails, `between` is more precise.
         """
         if not self._passable:
             return True
         short = self._short - 2.0 * drift * duration
-        if self.reach(before, after, duration) <= short:
+        if reach <= short:
             return True
-        return self._reach.dot(np.abs(before) + np.abs(after)) * duration <= short
+        return max(self._bounds.dot(np.abs(before) + np.abs(after)).tolist()) * duration <= short
 
     def reach(self, before: np.ndarray, after: np.ndarray, duration: float) -> float:
         """Return a bound on the distance that a point of a geom can have moved, m; see `is_short`."""

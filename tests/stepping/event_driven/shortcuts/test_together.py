@@ -8,6 +8,7 @@ from stepping.event_driven.shortcuts.seen import forgetful, looks, tried
 
 from impactlaw import Moreau, Stepper
 from impactlaw.errors import OverlapError
+from impactlaw.models import load
 from impactlaw.models.builder import cradle
 from impactlaw.stepping.event_driven.persistent_contact.position import least_impulse
 from impactlaw.stepping.event_driven.shortcuts import Apart, Together
@@ -131,3 +132,14 @@ def test_a_contact_is_never_pulled():
     gradients = np.array([[2.0, 0.0]])
     assert least_impulse(gradients, np.array([3.0])) == pytest.approx(0.75)
     assert least_impulse(gradients, np.array([-3.0])) == 0.0
+
+
+def test_balls_that_fly_apart_do_not_make_steps_longer_for_those_in_touch(monkeypatch):
+    """None of them moves past another by its size, though all together move by more."""
+    model, data = load("billiard_rack")
+    stepper, seen, collided = Stepper(model, Moreau(0.8)), tried(monkeypatch), 0
+    for _ in range(400):
+        stepper.step(data)
+        collided += len(stepper.events)
+    assert collided == 3
+    assert np.count_nonzero([attempt.held for attempt in seen]) > 380
