@@ -13,6 +13,7 @@ from impactlaw.envs.law_options import LawOptions
 from impactlaw.envs.logs.episode_log import EpisodeLog
 from impactlaw.envs.placing.placed_law import PlacedLaw
 from impactlaw.errors import DivergenceError, WrapperError
+from impactlaw.stepping.time_stepping.problem.forces import forward_keeping_contacts
 
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 _BAD = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS", "QVEL", "QACC", "CTRL")]
@@ -65,12 +66,15 @@ class OnPhysics(PlacedLaw):
         """Step as `Physics.step` does: with ``legacy_step``, start and end between the halves of a MuJoCo step.
 
         The order is `mj_step2`, whole steps, `mj_step1`; RK4 and rigid contact have no half steps and skip `mj_step2`.
+        Contacts that tasks read after rigid steps remain those of the steps.
         """
         (model, data), legacy = self.simulation(), self._target.legacy_step
         half = legacy and self._options.contact_model == "soft" and model.opt.integrator != _RK4
         self._advance(model, data, nstep, half=half)
         self._write_forces(model, data)
-        if legacy:
+        if legacy and self._options.contact_model == "rigid":
+            forward_keeping_contacts(model, data)
+        elif legacy:
             mujoco.mj_step1(model, data)
 
 

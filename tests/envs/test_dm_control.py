@@ -5,6 +5,7 @@ import pickle
 
 import dm_env
 import gymnasium
+import mujoco
 import numpy as np
 import pytest
 from dm_control import suite
@@ -120,6 +121,41 @@ def test_rigid_contacts():
         assert env.physics.data.xpos[-1, 2] == heights[-1]  # legacy_step: all derived quantities are current
     assert min(heights) > radius - 1e-9
     assert max(heights[20:]) == pytest.approx(0.4, abs=0.01)
+    placed.remove()
+
+
+@pytest.mark.parametrize("scheme", ["time-stepping", "event-driven"])
+def test_rigid_contacts_of_a_step_remain_where_tasks_read_them(scheme):
+    """A ball at rest touches with gaps of 0 up to rounding, which MuJoCo's own margins find or not by chance."""
+    env = drop()
+    placed = put_law(env, "moreau", 0.0, contact_model="rigid", scheme=scheme)
+    env.reset()
+    touches = []
+    while env.physics.data.time < 0.9:
+        env.step([])
+        touches.append(env.physics.data.ncon)
+    assert touches[0] == 0
+    assert touches[-10:] == [1] * 10
+    placed.remove()
+
+
+@pytest.mark.parametrize("task", [("humanoid", "stand"), ("finger", "spin")], ids="-".join)
+def test_what_else_mujoco_computes_after_rigid_steps_is_current(task):
+    env = suite.load(*task, task_kwargs={"random": 3})
+    placed = put_law(env, "moreau", 0.5, contact_model="rigid")
+    env.reset()
+    spec, rng = env.action_spec(), np.random.default_rng(0)
+    for _ in range(30):
+        env.step(rng.uniform(spec.minimum, spec.maximum))
+    model, data = env.physics.model.ptr, env.physics.data.ptr
+    other = copy.copy(data)
+    mujoco.mj_step1(model, other)
+    position = np.repeat(model.sensor_needstage < int(mujoco.mjtStage.mjSTAGE_ACC), model.sensor_dim)
+    np.testing.assert_array_equal(data.sensordata[position], other.sensordata[position])
+    positions = "xpos", "site_xpos", "cam_xpos", "subtree_com", "M", "qLD", "ten_length", "actuator_length"
+    velocities = "cvel", "ten_velocity", "actuator_velocity", "actuator_moment", "qfrc_bias", "qfrc_passive", "energy"
+    for field in positions + velocities:
+        np.testing.assert_array_equal(getattr(data, field), getattr(other, field), err_msg=field)
     placed.remove()
 
 

@@ -15,6 +15,7 @@ from impactlaw.stepping.time_stepping.margins import LEAST
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
+_ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 _CONTACT = int(mujoco.mjtSensor.mjSENS_CONTACT)
 _POS, _VEL, _ACC = int(mujoco.mjtStage.mjSTAGE_POS), int(mujoco.mjtStage.mjSTAGE_VEL), int(mujoco.mjtStage.mjSTAGE_ACC)
 _JOINT_LIMIT, _TENDON_LIMIT = (
@@ -104,3 +105,32 @@ def sense(model: mujoco.MjModel, data: mujoco.MjData, start: np.ndarray, listed:
         without_far_limits(mujoco.mj_sensorVel, model, data)
     without_far_limits(mujoco.mj_sensorAcc, model, data)
     data.qvel[:] = after
+
+
+_POSITION = (
+    *(mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_camlight, mujoco.mj_tendon, mujoco.mj_makeM, mujoco.mj_factorM),
+    mujoco.mj_transmission,
+)
+"""What MuJoCo computes for positions, without contacts."""
+
+
+def forward_keeping_contacts(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Do what `mj_step1` does after a rigid step, except that contacts, rows and forces remain those of the step.
+
+    MuJoCo would look for contacts again with the margins of the scene, and find few: bodies at rest have gaps of 0 up
+    to rounding, and those that bounce have never overlapped.
+    """
+    mujoco.mj_checkPos(model, data)
+    mujoco.mj_checkVel(model, data)
+    data.flg_energypos = False
+    for update in _POSITION:
+        update(model, data)
+    without_far_limits(mujoco.mj_sensorPos, model, data)
+    mujoco.mj_fwdVelocity(model, data)
+    without_far_limits(mujoco.mj_sensorVel, model, data)
+    if model.opt.enableflags & _ENERGY:
+        mujoco.mj_energyPos(model, data)
+        mujoco.mj_energyVel(model, data)
+    control = mujoco.get_mjcb_control()
+    if control is not None:
+        control(model, data)
