@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from impactlaw import interrupts as _interrupts  # noqa: F401  (before all that takes long)
+from impactlaw import signals as _signals  # noqa: F401  (Ctrl-C, before all that takes long to import)
 
 # isort: split
 from impactlaw.errors import ImpactLawError

@@ -6,12 +6,19 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import PurePath
 from types import FrameType
 from typing import Any
 
 _ENDS = {signal.SIGINT: ("interrupted", 130), signal.SIGTERM: ("terminated", 143)}
 _SOON, _LATER = 0.1, 5.0
 """Times, s, after which the exit is raised again: if it is known to be lost, and if it may have been lost."""
+
+
+if [PurePath(word).stem for word in sys.orig_argv[1:2]] == ["impactlaw"] and (
+    signal.getsignal(signal.SIGINT) is signal.default_int_handler  # else it is ignored, or somebody's own
+):  # Ctrl-C ends the command at once while it is imported: KeyboardInterrupt would be a traceback, or an ImportError
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 @contextmanager
