@@ -66,9 +66,13 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Import `Batch` when it is first used: few programs need it, and its import takes long."""
+    """Import `Batch` when it is first used: few programs need it, and its import takes long. Look up the version."""
     if name == "Batch":
         from impactlaw.batch import Batch
 
         return Batch
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("impactlaw")
     raise AttributeError(f"module 'impactlaw' has no attribute {name!r}")

@@ -1,9 +1,12 @@
 """``import impactlaw`` loads no package that a simulation may not need."""
 
+import importlib.metadata
 import subprocess
 import sys
 
 import pytest
+
+import impactlaw
 
 LATER = [
     "rerun",
@@ -44,3 +47,7 @@ print(*(name for name in set(sys.modules) - before if name.startswith("scipy")))
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == []
+
+
+def test_the_package_tells_its_version():
+    assert impactlaw.__version__ == importlib.metadata.version("impactlaw")
