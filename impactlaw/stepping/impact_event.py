@@ -33,6 +33,11 @@ class ImpactEvent:
     qpos: np.ndarray = field(default_factory=lambda: np.zeros(0))
     projected: bool = False
 
+    def __repr__(self) -> str:
+        """Return one line, without matrices."""
+        labels, lost = ", ".join(self.contacts.labels), self.impact.energy_change
+        return f"<ImpactEvent at {self.time:.6g} s: {labels}, T+ - T- = {lost:.4g} J>"
+
 
 class ImpactSums(NamedTuple):
     """Sums over collisions; compiled steps compute them without making an event of each collision."""

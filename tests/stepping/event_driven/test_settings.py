@@ -118,3 +118,10 @@ def test_unknown_options_are_named(option):
     model, _ = compiled(FLOOR + ball())
     with pytest.raises(UnknownNameError, match=str(next(iter(option.values())))):
         Stepper(model, Moreau(1), **option)
+
+
+def test_an_event_prints_as_one_line():
+    model, data = load("ball_chain")
+    stepper = Stepper(model, Moreau(0.0))
+    stepper.step(data)
+    assert repr(stepper.events) == "(<ImpactEvent at 0 s: ball1/ball2, ball2/ball3, T+ - T- = -0.3333 J>,)"
