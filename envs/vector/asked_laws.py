@@ -82,7 +82,8 @@ def each(what: str, value: Any, count: int) -> list[Any]:
     if len(values) != count:
         raise OptionError(
             f"{count} worlds need as many {what}, got {len(values)}: give one for each world, or one for all; what "
-            "differs from contact to contact is in a law, such as Newton([0.4, 0.5])"
+            "differs from contact to contact is in a law, such as Newton([0.4, 0.5]), and what is drawn by episode "
+            "in a LawDistribution, as law"
         )
     return values
 
