@@ -22,7 +22,7 @@ class LawDistribution:
     """A uniform distribution over laws, with a distribution of their restitution.
 
     Attributes:
-        laws: names of laws, which may include "scene", or `Law` objects.
+        laws: names of laws, which may include "scene", files such as law.json, or `Law` objects.
         restitution: a tuple of two numbers, for the uniform distribution on this interval in [0, 1]; a list, or any
             other sequence, of arguments of laws to choose from; a frozen distribution of `scipy.stats` on [0, 1]; or
             None for the scene's own. No restitution is drawn for laws that take none, such as "maximal-dissipation" and
@@ -42,7 +42,7 @@ class LawDistribution:
     def __post_init__(self):
         if isinstance(self.laws, Law) or not _is_choice(self.laws):
             raise OptionError(f'laws is a sequence of laws to choose from, such as ("moreau",), got {self.laws!r}')
-        object.__setattr__(self, "laws", tuple(map(restored, self.laws)))
+        object.__setattr__(self, "laws", tuple(map(_read, self.laws)))
         object.__setattr__(self, "restitution", _distribution(self.restitution))
         if self.friction is not None:
             if not _is_choice(self.friction):
@@ -152,6 +152,11 @@ def _distribution(value: Any) -> Any:
             f"None, got {value!r}"
         )
     return [restored(one) for one in value]
+
+
+def _read(law: Any) -> Any:
+    """Return the law of a file, or that of plain values; a name stays as it is."""
+    return make_law(law) if str(law).endswith(".json") else restored(law)
 
 
 def _takes_restitution(law: Any, examples: list[Any]) -> bool:

@@ -66,6 +66,15 @@ def test_laws_are_drawn_and_those_that_take_no_restitution_get_none():
     assert len(set(seen["Moreau"])) == len(seen["Moreau"])
 
 
+def test_laws_of_files_are_drawn(tmp_path):
+    file = tmp_path / "law.json"
+    file.write_text('{"law class": "impactlaw.laws.moreau:Moreau", "restitution": 0.25}')
+    env = RandomLaw(hopper(), laws=(str(file), "maximal-dissipation"), restitution=None)
+    assert {e for _, e in drawn(env, 20)} == {0.25, 0.0}
+    with pytest.raises(RestitutionError, match="cannot read a law from nosuch"):
+        LawDistribution(("nosuch.json",))
+
+
 def test_the_law_that_is_named_is_in_force():
     env = RandomLaw(hopper(), laws=("moreau", "newton"))
     for _ in range(5):
