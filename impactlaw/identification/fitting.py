@@ -223,7 +223,7 @@ def _fit_matrix(measured: Measurements, *, admissible: bool) -> Identified:
         counts = "; ".join(f"{' '.join(labels)} ({len(which)})" for labels, which in sets.items())
         raise MeasurementError(
             f"a restitution matrix belongs to one set of closed contacts, but there are {len(sets)}: {counts}; choose "
-            "one by contacts="
+            "one by contacts, on the command line by --contacts"
         )
     first = measured.collisions[0]
     if first.friction is not None and len(first.friction):
