@@ -143,6 +143,19 @@ def _some_driven(w, v, z, islands):
     return some
 
 
+@plain
+def _tell(outcomes, velocity, share, trembles):
+    """Write an outcome into `world.Law.outcomes`, if there is room."""
+    n = len(velocity)
+    if len(outcomes) > 0:
+        at = 1 + np.int64(outcomes[0]) * (n + 2)
+        if at + n + 2 <= len(outcomes):
+            for i in range(n):
+                outcomes[at + i] = velocity[i]
+            outcomes[at + n], outcomes[at + n + 1] = share, trembles
+        outcomes[0] += 1.0
+
+
 @linked(
     types.int64(
         WORLD, LAW, FOUND, FLOATS, FLOATS, _ISLANDS, types.float64, types.float64, types.boolean, FLOATS, FLOATS
@@ -205,18 +218,8 @@ def _resolve(w, law, found, gamma, calm, islands, rounding, opening, last, veloc
     unwhitened(z, inertia, root, v)
     for i in range(w.nv):
         velocity[i] += v[i]
+    _tell(law.outcomes, velocity, share, trembles)
     return FINE
-
-
-@plain
-def _tell(outcomes, velocity):
-    """Write the velocity after a collision into `world.Law.outcomes`, if there is room."""
-    n = len(velocity)
-    if len(outcomes) > 0:
-        at = 1 + np.int64(outcomes[0]) * n
-        for i in range(min(n, len(outcomes) - at)):
-            outcomes[at + i] = velocity[i]
-        outcomes[0] += 1.0
 
 
 @plain
@@ -269,7 +272,6 @@ def _collide(w, law, islands, sums):
             status, opening = FINE, 0.0
             continue
         if status == FINE:
-            _tell(law.outcomes, velocity)
             sums[LAST] += last
         if status != FINE or equal(before, velocity):
             break

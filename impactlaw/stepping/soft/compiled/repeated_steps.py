@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -11,48 +13,37 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from impactlaw.errors import SolverError
+from impactlaw.errors import SolverError, UnfinishedStepError, UnsolvableLawError
 from impactlaw.laws import Coulomb, Law, Target
 from impactlaw.mechanics.collision import Collision
-from impactlaw.mechanics.friction_impact import FrictionImpact
+from impactlaw.mechanics.friction_impact import FrictionImpact, cone_gradients, cone_problem
 from impactlaw.mechanics.impact import Impact
-from impactlaw.solvers.friction.solve import THOROUGH
-from impactlaw.stepping.collisions import as_closed, is_kept
+from impactlaw.solvers.friction.problem import ENOUGH, ConeAnswer, ConeProblem
+from impactlaw.solvers.friction.solve import BRIEF, THOROUGH, shared, solve_cones
+from impactlaw.solvers.problem import Status
+from impactlaw.stepping.collisions import as_closed
 from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums, changed_model
 from impactlaw.stepping.integration import restore_state
 from impactlaw.stepping.soft.compiled.collide import SUMS
 from impactlaw.stepping.soft.scheme import SoftStepping
+from impactlaw.stepping.soft.tolerances import WORK
+from impactlaw.stepping.work import Work
 
 _AGAIN = 1e-4  # largest deviation of the intensity of repeated collisions, relative to the intensity
+_STILL = 1e-7  # velocity after a collision, relative to its speed, up to which a contact sticks, or touches
 _SAME = 1e-9  # largest difference between two outcomes of a law that are the same, relative to the largest velocity
 
 
-class _AsCompiled:
-    """No limit of work, but restitution is omitted where compiled code omits it; see `Effort`."""
-
-    hasty = True
-
-    def rounds(self, rows: int) -> int:
-        """Return the largest number of rounds."""
-        return THOROUGH
-
-    def steps(self, rows: int) -> float:
-        """Return infinity: there is no limit."""
-        return np.inf
-
-    def attempt(self, rows: int, steps: int) -> None:
-        """Do nothing."""
-
-    def begin_part(self) -> None:
-        """Do nothing."""
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Known(Law):
-    """A law with known outcomes: where friction is indeterminate, another solution of the law could be found."""
+    """A law with known outcomes: impulses are looked for near those that lead to them, not anew.
+
+    A search could take seconds where many bodies collide, and where friction is indeterminate it could find another
+    solution.
+    """
 
     law: Law
-    velocities: Iterator[np.ndarray]
+    outcomes: deque[np.ndarray]  # see `world.Law.outcomes`
     closed: bool = False  # see `as_closed`
 
     def target(self, collision: Collision) -> Target:
@@ -60,30 +51,113 @@ class _Known(Law):
         return self.law.target(collision)
 
     def resolve(self, collision: Collision, *, solver: str = "auto") -> Impact:
-        """Return the impact with the next known velocity."""
-        limits = {"effort": _AsCompiled()} if isinstance(self.law, Coulomb) else {}
-        impact = self.law.resolve(collision, solver=solver, **limits)
-        if self.closed and not is_kept(impact):
-            return impact  # compiled code has not used this outcome, either
-        velocity = next(self.velocities, None)
-        if velocity is None:
-            return impact
-        if np.abs(impact.post_velocity - velocity).max() <= _SAME * np.abs(velocity).max():
-            return replace(impact, post_velocity=velocity)
-        kept: dict[str, Any] = {"target_contact_velocity": impact.target_contact_velocity}
+        """Return the impact with the next known outcome."""
+        if not self.outcomes:
+            return self._by_law(collision, solver)
+        *_, kept, opening = self.outcomes[0]
+        if self.closed and not opening:  # compiled code has not used this outcome, either
+            raise UnsolvableLawError(list(collision.labels), np.ones(len(collision.labels)))
+        velocity = self.outcomes.popleft()[:-2]
+        c = collision.without_idle_friction
+        if isinstance(self.law, Coulomb) and self.law.law.has_target and c.friction is not None and len(c.friction):
+            known = self.law, c, velocity, float(kept)
+            return _with_friction(*known) or self._scaled(collision, velocity) or _fitted(*known)
+        return _with_velocity(self._by_law(collision, solver), velocity)
+
+    def _scaled(self, collision: Collision, velocity: np.ndarray) -> Impact | None:
+        """Return the impact by the law, whose contacts keep different shares; None if that is not found again."""
         try:
-            if not isinstance(impact, FrictionImpact):
-                return replace(Impact.observed(collision, velocity), **kept)
-            for name in ("target_sliding_velocity", "exact", "restitution_scale"):
-                kept[name] = getattr(impact, name)
-            return replace(FrictionImpact.observed(collision, velocity, near=impact), **kept)
-        except SolverError:
-            return impact
+            impact = self._by_law(collision, "auto")
+        except (SolverError, UnsolvableLawError, UnfinishedStepError):
+            return None
+        return replace(impact, post_velocity=velocity) if _is_same(impact.post_velocity, velocity) else None
+
+    def _by_law(self, collision: Collision, solver: str) -> Impact:
+        """Return the impact of the law itself, within the work that a step in Python may take."""
+        work = Work(len(collision.pre_velocity), WORK, rounds=THOROUGH, once=True)
+        return self.law.resolve(collision, solver=solver, **({"effort": work} if isinstance(self.law, Coulomb) else {}))
+
+
+def _is_same(velocity: np.ndarray, known: np.ndarray) -> bool:
+    return bool(np.abs(velocity - known).max() <= _SAME * np.abs(known).max())
+
+
+def _with_velocity(impact: Impact, velocity: np.ndarray) -> Impact:
+    """Return the impact with a known velocity; if that is another solution, with the impulses nearest to it."""
+    if _is_same(impact.post_velocity, velocity):
+        return replace(impact, post_velocity=velocity)
+    with suppress(SolverError):
+        observed = Impact.observed(impact.collision, velocity)
+        return replace(observed, target_contact_velocity=impact.target_contact_velocity)
+    return impact
+
+
+def _with_friction(law: Coulomb, collision: Collision, velocity: np.ndarray, kept: float) -> FrictionImpact | None:
+    """Return the impact with a known velocity in which all contacts keep the same share of their restitution.
+
+    None if contacts may keep different shares. If no impulses near `_nearest` meet the law, the impact has these, and
+    its `residual` says how far they miss it.
+    """
+    wanted, exact = law.target(collision).contact_velocity, law.cone == "exact"
+    along = -kept * law.tangential_restitution * collision.pre_sliding_velocity
+    targets = np.where(wanted > 0.0, kept * wanted, wanted), along
+    problem, jump = cone_problem(collision, *targets, exact=exact), _jump(collision, velocity)
+    x = problem.scaled(impulse := _nearest(problem, jump))
+    if (residual := problem.residual(x, problem.velocity(x))) > ENOUGH * problem.scale:
+        if kept < 1.0:
+            return None
+        found = solve_cones(problem, impulse, rounds=0, most=0.0)
+        if found.status is Status.SOLVED and _is_same(found.jump, jump):
+            impulse, residual = found.impulse, found.residual
+    if problem.is_redundant:
+        impulse = shared(problem, ConeAnswer(impulse, jump, residual, Status.SOLVED, 0)).impulse
+    known: dict[str, Any] = {"restitution_scale": kept, "exact": exact, "cones": problem}
+    return replace(FrictionImpact.of_cones(collision, impulse, jump, targets, **known), post_velocity=velocity)
+
+
+def _fitted(law: Coulomb, collision: Collision, velocity: np.ndarray, kept: float) -> FrictionImpact:
+    """Return the impact with a known velocity and the impulses nearest to its jump, without a target."""
+    exact, jump, rows = law.cone == "exact", _jump(collision, velocity), cone_gradients(collision)
+    problem = cone_problem(collision, exact=exact)
+    found = solve_cones(problem.starting(-(rows @ jump), 0.0).relaxed, rounds=BRIEF)
+    known: dict[str, Any] = {"restitution_scale": kept, "exact": exact, "cones": problem}
+    return replace(FrictionImpact.of_cones(collision, found.impulse, jump, **known), post_velocity=velocity)
+
+
+def _jump(collision: Collision, velocity: np.ndarray) -> np.ndarray:
+    """Return the jump to a velocity, whitened, (nv,)."""
+    return collision.metric.whiten(velocity - collision.pre_velocity)
+
+
+def _nearest(problem: ConeProblem, jump: np.ndarray) -> np.ndarray:
+    """Return impulses nearest to a jump of the whitened velocity, (n,), of those that the velocity after it allows.
+
+    A contact that separates has none, one that slides has its friction against the motion, one that sticks any in its
+    cone. Which do what is known with the jump, so that this is a convex problem.
+    """
+    (h, m), rows = problem.shape, problem.rows.reshape(*problem.shape, -1)
+    u = problem.start + rows @ jump
+    speed = np.sqrt(np.vecdot(u[:, 1:], u[:, 1:]))
+    touches = u[:, 0] <= _STILL * problem.scale + (0.0 if problem.exact else speed)  # the relaxation lifts what slides
+    slides = speed > _STILL * problem.scale
+    against = np.where(slides[:, None], -u / np.where(slides, speed, 1.0)[:, None], 0.0)
+    against[:, 0] = 1.0
+    rays = np.einsum("ij,ijk->ik", against, rows)
+    sizes = np.where(slides, 1, m)[touches]
+    parts = [rays[i : i + 1] if slides[i] else rows[i] for i in np.flatnonzero(touches)]
+    x = np.zeros((h, m))
+    if parts:
+        gradients = np.vstack(parts)
+        found = solve_cones(ConeProblem(gradients, -(gradients @ jump), sizes, exact=False), rounds=BRIEF).impulse
+        first = np.cumsum(sizes) - sizes
+        for i, start in zip(np.flatnonzero(touches), first, strict=True):
+            x[i] = found[start] * against[i] if slides[i] else found[start : start + m]
+    return problem.unscaled(x)
 
 
 @as_closed.register
 def _(law: _Known) -> Law:
-    return _Known(as_closed(law.law), law.velocities, closed=True)
+    return _Known(as_closed(law.law), law.outcomes, closed=True)
 
 
 def sums_in(found: Iterable[float]) -> ImpactSums:
@@ -122,12 +196,12 @@ class StepRepeater:
         mujoco.mj_resetData(scheme.model, data)  # results do not depend on steps that were repeated before
         by, events, misses = self._collider, [], False
         for row in rows[rows[:, -SUMS] > 0]:
-            velocities = iter(compiled.outcomes(row))
+            outcomes = deque(compiled.outcomes(row))
             misses |= _misses(compiled.sums(), sums_in(row[-SUMS:]))
             restore_state(scheme.model, data, row[:-SUMS])
-            known = replace(
-                by, law=_Known(by.law, velocities), last_law=_Known(by.last_law, velocities), on_inadmissible="allow"
-            )  # compiled code has judged these outcomes; impulses that are fitted to them here are less accurate
+            law, last_law = _Known(by.law, outcomes), _Known(by.last_law, outcomes)
+            # compiled code has judged these outcomes; impulses that are fitted to them here are less accurate
+            known = replace(by, law=law, last_law=last_law, on_inadmissible="allow")
             scheme.collisions.collider = known
             try:
                 events += scheme.step(data)

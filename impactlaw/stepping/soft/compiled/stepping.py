@@ -142,15 +142,18 @@ class CompiledSoftStepping(OneWorld):
         return mujoco.MjData(self._model)
 
     def outcomes(self, row: np.ndarray) -> np.ndarray:
-        """Repeat a step from the state and sums in a row, and return the velocities after its collisions, (k, nv)."""
-        nv, most = self._model.nv, int(row[-SUMS]) + self._scheme.collisions.collider.most
-        found, data = np.zeros(1 + most * nv), self._again
+        """Repeat a step from the state and sums in a row, and return the outcomes of its collisions, (k, nv + 2).
+
+        See `world.Law.outcomes`.
+        """
+        size, most = self._model.nv + 2, int(row[-SUMS]) + self._scheme.collisions.collider.most
+        found, data = np.zeros(1 + most * size), self._again
         mujoco.mj_resetData(self._model, data)
         restore_state(self._model, data, row[:-SUMS])
         self._context[CONTEXT.outcomes], self._context[CONTEXT.outcome_count] = found.ctypes.data, len(found)
         self.step(data)
         self._context[CONTEXT.outcome_count] = 0
-        return found[1:].reshape(most, nv)[: int(found[0])]
+        return found[1:].reshape(most, size)[: int(found[0])]
 
     def sums(self) -> ImpactSums:
         """Return the sums over the collisions of the last call of compiled code."""
