@@ -48,10 +48,10 @@ def test_a_large_collision_is_solved_on_one_thread(monkeypatch):
 @pytest.mark.usefixtures("several")
 def test_an_event_driven_step_takes_one_thread_and_gives_the_others_back(monkeypatch):
     seen = []
-    box = '<body pos="0 0 .1"><freejoint/><geom type="box" size=".1 .1 .1"/></body>'
+    boxes = "".join(f'<body pos="{x} 0 .1"><freejoint/><geom type="box" size=".1 .1 .1"/></body>' for x in range(4))
     model = mujoco.MjModel.from_xml_string(
-        f'<mujoco><worldbody><geom type="plane" size="1 1 1"/>{box}</worldbody></mujoco>'
-    )
+        f'<mujoco><worldbody><geom type="plane" size="9 9 1"/>{boxes}</worldbody></mujoco>'
+    )  # 24 degrees of freedom: linear algebra of fewer than 20 starts no threads
     data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.5))
     data.qvel[:2] = 1.0
     mujoco.set_mjcb_control(lambda model, data: seen.append(threads()))

@@ -110,7 +110,8 @@ def _with_friction(law: Coulomb, collision: Collision, velocity: np.ndarray, kep
         if found.status is Status.SOLVED and _is_same(found.jump, jump):
             impulse, residual = found.impulse, found.residual
     if problem.is_redundant:
-        impulse = shared(problem, ConeAnswer(impulse, jump, residual, Status.SOLVED, 0)).impulse
+        least = shared(problem, ConeAnswer(impulse, jump, residual, Status.SOLVED, 0))
+        impulse = least.impulse if _is_same(least.jump, jump) else impulse  # of least norm may be another solution
     known: dict[str, Any] = {"restitution_scale": kept, "exact": exact, "cones": problem}
     return replace(FrictionImpact.of_cones(collision, impulse, jump, targets, **known), post_velocity=velocity)
 
