@@ -85,7 +85,8 @@ def run(cases: list[Case], jobs: int = 1) -> Iterator[Row]:
     and largest_at, the longest step; depth, depth_between and depth_at, the deepest contact after the first steps, m;
     limit, the same for limits of joints and tendons, m or rad; growth, the relative growth of a passive scene's energy
     beyond its largest value so far; met, the share of steps whose shortfall is below 1e-6 of the speed; short and
-    short_at, the largest shortfall; unlocated; warnings of MuJoCo; outcome, "fine" or why the case stopped.
+    short_at, the largest shortfall; unlocated; counted, the number of steps in `Stepper.short_steps`, most of them with
+    friction that was not found; warnings of MuJoCo; outcome, "fine" or why the case stopped.
     """
     if any(case.way in ("time-stepping", "event-driven") for case in cases):
         with Worker(compile_steps) as worker:  # compile once, to disk; a case has no time for it

@@ -72,7 +72,10 @@ def run(case: Case) -> Row:
     gc.unfreeze()
     row = case.row() | {"nv": model.nv, "dt": model.opt.timestep} | tally.row(bare=ours is not None)
     warned = sum(int(w.number) for w in data.warning)
-    return row | {"unlocated": np.nan if ours is None else ours.unlocated, "warnings": warned, "outcome": outcome}
+    counted = {"unlocated": np.nan, "counted": np.nan}
+    if ours is not None:
+        counted = {"unlocated": ours.unlocated, "counted": ours.short_steps}
+    return row | counted | {"warnings": warned, "outcome": outcome}
 
 
 def _step(case: Case, model: mujoco.MjModel, data: mujoco.MjData, ours: Stepper | None, tally: Tally) -> str:

@@ -16,6 +16,7 @@ _WORST: dict[str, Any] = {
     "met": "min",
     "short": "max",
     "unlocated": lambda found: found.sum(min_count=1),
+    "counted": "max",
 }
 _WIDEST = 100  # largest number of characters of an outcome on the screen
 
