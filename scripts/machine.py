@@ -1,9 +1,12 @@
-"""The machine that a table was measured on: processor, cores, and the versions of the packages that were timed."""
+"""The machine that tables were measured on: processor, cores, versions of packages; files of tables that tell it."""
 
 import os
 import platform
+from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
+
+import pandas as pd
 
 PACKAGES = ("impactlaw", "mujoco", "numpy", "scipy", "daqp", "osqp")
 
@@ -15,6 +18,13 @@ def one_line() -> str:
     machine = f"{_processor()}, {cores} cores, {platform.system()}"
     threads = os.environ.get("OPENBLAS_NUM_THREADS")  # see `scripts/__init__.py`
     return f"{machine}; python {platform.python_version()}, {versions}; BLAS threads: {threads}"
+
+
+def write(tables: Mapping[str, pd.DataFrame], folder: Path) -> None:
+    """Write each table as CSV into a folder that exists, and the machine beside them."""
+    for name, table in tables.items():
+        table.to_csv(folder / f"{name}.csv", index=False)
+    (folder / "machine.txt").write_text(one_line() + "\n")
 
 
 def _processor() -> str:

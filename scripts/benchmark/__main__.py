@@ -86,19 +86,11 @@ def show(tables: dict[str, pd.DataFrame]) -> str:
     return "\n\n".join([*shown, machine.one_line()])
 
 
-def write(tables: dict[str, pd.DataFrame], folder: Path) -> None:
-    """Write each table as CSV, and the machine's description."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, table in tables.items():
-        table.to_csv(folder / f"{name}.csv", index=False)
-    (folder / "machine.txt").write_text(machine.one_line() + "\n")
-
-
 def main(study: Benchmark) -> None:
     """Measure, print and write."""
     tables = run(study.parts, quick=study.quick)
     print(show(tables))
-    write(tables, study.out)
+    machine.write(tables, study.out)
 
 
 if __name__ == "__main__":

@@ -6,17 +6,13 @@ own preparations, but not the forming of G and of the programs' matrices. Residu
 all, by the natural map of the law's complementarity.
 """
 
-import os
-import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
 from itertools import product
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -105,9 +101,7 @@ def run(sizes: tuple[int, ...] = (100, 1000, 10_000), *, seconds: float = 3.0) -
         seconds: time per chain.
     """
     for start, h in product(STARTS, sizes):
-        with _quiet():
-            rows = list(_rows(chain(h, start), seconds))
-        yield from ({"chain": start, "h": h} | row for row in rows)
+        yield from ({"chain": start, "h": h} | row for row in _rows(chain(h, start), seconds))
 
 
 def _rows(problem: Chain, seconds: float) -> Iterator[Row]:
@@ -139,7 +133,7 @@ def _osqp(program: Program, form: str) -> np.ndarray | str:
 
     solver = osqp.OSQP()
     limits = {"l": program.low, "u": np.full(len(program.low), np.inf)}
-    options = {"eps_abs": TOLERANCE, "eps_rel": TOLERANCE, "max_iter": _ITERATIONS, "polishing": True, "verbose": False}
+    options = {"eps_abs": TOLERANCE, "eps_rel": TOLERANCE, "max_iter": _ITERATIONS, "verbose": False}
     solver.setup(P=program.P, q=program.q, A=program.A, **limits, **options)
     result = solver.solve(raise_error=False)
     if result.info.status != "solved":
@@ -159,17 +153,3 @@ def _clarabel(program: Program, form: str) -> np.ndarray | str:
     if str(result.status) != "Solved":
         return str(result.status)
     return np.maximum(np.array(result.x if form == "impulse" else result.z), 0.0)
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Silence the standard output: OSQP's polishing prints to it even without `verbose`."""
-    sys.stdout.flush()
-    kept = os.dup(1)
-    try:
-        with Path(os.devnull).open("w") as nowhere:
-            os.dup2(nowhere.fileno(), 1)
-            yield
-    finally:
-        os.dup2(kept, 1)
-        os.close(kept)

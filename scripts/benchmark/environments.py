@@ -109,16 +109,20 @@ def _robot(name: str) -> mujoco.MjModel:
 
 def _drive(model: mujoco.MjModel, step: Callable[[mujoco.MjData], object], pieces: int) -> np.ndarray:
     """Return the time of each piece of steps, s, under controls that are random but the same in each run."""
-    data = mujoco.MjData(model)
-    seconds = []
-    with no_collection():
-        for control in controls(model, "random", data.ctrl, pieces, 0):
-            start = time.perf_counter()
-            data.ctrl[:] = control
-            for _ in range(_HELD):
-                step(data)
-            seconds.append(time.perf_counter() - start)
+    data, seconds = mujoco.MjData(model), []
+    for control in controls(model, "random", data.ctrl, pieces, 0):
+        data.ctrl[:] = control
+        seconds.append(_timed(step, data, _HELD))
     return np.array(seconds)
+
+
+def _timed(step: Callable[[mujoco.MjData], object], data: mujoco.MjData, steps: int) -> float:
+    """Return the time of some steps, s."""
+    with no_collection():
+        start = time.perf_counter()
+        for _ in range(steps):
+            step(data)
+        return time.perf_counter() - start
 
 
 def run_heaps(bodies: tuple[int, ...] = (10, 30, 100), *, steps: int = 500, repetitions: int = 5) -> Iterator[Row]:
@@ -151,14 +155,7 @@ def _fall(model: mujoco.MjModel, steps: int) -> np.ndarray:
     stepper, data, seconds = Stepper(model, Moreau(RESTITUTION), contact_model="soft"), mujoco.MjData(model), []
     ways: tuple[Callable[[mujoco.MjData], object], ...] = (lambda data: mujoco.mj_step(model, data), stepper.step)
     for _ in range(0, steps, _PIECE):
-        first, spent = copy.copy(data), []
-        for where, step in zip((first, data), ways, strict=True):
-            with no_collection():
-                start = time.perf_counter()
-                for _ in range(_PIECE):
-                    step(where)
-                spent.append(time.perf_counter() - start)
-        seconds.append(spent)
+        seconds.append([_timed(step, at, _PIECE) for at, step in zip((copy.copy(data), data), ways, strict=True)])
     return np.array(seconds).T
 
 

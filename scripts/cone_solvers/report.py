@@ -5,6 +5,8 @@ from typing import Any
 
 import pandas as pd
 
+from scripts import machine
+
 from .solvers import COMPILED
 
 SOLVED, SHARP = 1e-8, 1e-10
@@ -56,11 +58,8 @@ def show(table: pd.DataFrame) -> str:
 
 
 def write(table: pd.DataFrame, folder: Path) -> None:
-    """Write all rows and both tables as CSV."""
-    folder.mkdir(parents=True, exist_ok=True)
-    table.to_csv(folder / "problems.csv", index=False)
-    by_solver(table).to_csv(folder / "by_solver.csv", index=False)
-    by_scene(table).to_csv(folder / "by_scene.csv", index=False)
+    """Write all rows and both tables as CSV, and the machine beside them."""
+    machine.write({"problems": table, "by_solver": by_solver(table), "by_scene": by_scene(table)}, folder)
 
 
 def _text(table: pd.DataFrame) -> str:

@@ -166,8 +166,7 @@ def failed(table: pd.DataFrame) -> pd.DataFrame:
 def main(study: RandomCollisions) -> None:
     """Run the study, print the worst errors of each law and cone, and write every row as CSV."""
     table = run(study)
-    study.out.mkdir(parents=True, exist_ok=True)
-    table.to_csv(study.out / "random_collisions.csv", index=False)
+    machine.write({"random_collisions": table}, study.out)
     print(format_table(table))
     broken = failed(table)
     refused, wrong = broken[broken.error != ""], broken[broken.error == ""]

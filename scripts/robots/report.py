@@ -69,7 +69,6 @@ def _number(x: float) -> str:
 
 def write(table: pd.DataFrame, folder: Path) -> None:
     """Write all cases as CSV and parquet, and the goals as CSV."""
-    folder.mkdir(parents=True, exist_ok=True)
     kept = table.loc[table["outcome"] != NO_CONTROLS]
     kept.to_csv(folder / "robots.csv", index=False)
     kept.to_parquet(folder / "robots.parquet", index=False)

@@ -16,10 +16,11 @@ import pandas as pd
 from tqdm import tqdm
 
 from scripts import machine, options
+from scripts.apart import Worker
 
 from .cases import CASES
 from .verdicts import MEASURED, REFUSED, Case
-from .worker import Worker
+from .worker import judged, prepare
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +49,7 @@ def run(cases: list[Case], quick: bool) -> pd.DataFrame:
     Columns: case, kind, law, solver, verdict, expected, as_expected, reason, expected_reason, residual, energy,
     penetration, deviation, collisions, seconds, note.
     """
-    with Worker() as worker:
+    with Worker(prepare) as worker:
         bar = tqdm(cases, disable=None, unit="case")
         return pd.DataFrame([row for case in bar for row in run_case(case, quick, worker)])
 
@@ -59,7 +60,7 @@ def run_case(case: Case, quick: bool, worker: Worker) -> list[dict[str, object]]
     for law in case.laws:
         for solver in case.solvers:
             begin, expected = time.perf_counter(), case.expects(law, solver)
-            found, reason, m = worker.run(case.name, law, solver, quick, budget=case.budget)
+            found, reason, m = judged(worker, case.name, law, solver, quick, budget=case.budget)
             seconds = time.perf_counter() - begin
             fits = expected.fits(found, reason)
             row: dict[str, object] = {"case": case.name, "kind": case.kind, "law": law, "solver": solver}
@@ -96,16 +97,14 @@ def _counted(found: pd.Series) -> str:
 
 def main(study: Stability) -> None:
     """Run the study, print its table, and write every row as CSV, with a description of the machine."""
-    table, out = run(select(study), study.quick), study.out
-    out.mkdir(parents=True, exist_ok=True)
-    table.to_csv(out / "stability.csv", index=False)
+    table = run(select(study), study.quick)
+    machine.write({"stability": table}, study.out)
     print(format_table(table))
     unexpected = int((~table.as_expected).sum())
     print(
         f"\n{len(table)} rows of {table.case.nunique()} cases: {_counted(table.verdict)}; {unexpected} not as expected"
     )
-    print(f"every row: {out / 'stability.csv'}; {machine.one_line()}")
-    (out / "machine.txt").write_text(machine.one_line() + "\n")
+    print(f"every row: {study.out / 'stability.csv'}; {machine.one_line()}")
     sys.exit(1 if unexpected else 0)
 
 

@@ -13,22 +13,16 @@ Judged = tuple[str, str, Measurement | None]
 """A verdict, the reason why it is not "right", and the measurement if the run ended with one."""
 
 
-class Worker(apart.Worker):
-    """Measures one row after the other."""
-
-    def __init__(self):
-        super().__init__(_prepare)
-
-    def run(self, case: str, law: str, solver: str, quick: bool, *, budget: float) -> Judged:
-        """Return the result of a row, given by names, that may take ``budget`` seconds; quick: see `Stability`."""
-        try:
-            return self.call(_measured, case, law, solver, quick, budget=budget)
-        except apart.LostError as error:
-            how, why = error.args
-            return HANGS if how == "hangs" else CRASHES, why, None
+def judged(worker: apart.Worker, case: str, law: str, solver: str, quick: bool, *, budget: float) -> Judged:
+    """Return the result of a row, given by names, that may take ``budget`` seconds; quick: see `Stability`."""
+    try:
+        return worker.call(_measured, case, law, solver, quick, budget=budget)
+    except apart.LostError as error:
+        how, why = error.args
+        return HANGS if how == "hangs" else CRASHES, why, None
 
 
-def _prepare() -> None:
+def prepare() -> None:
     """Import and compile the code of all rows before the first is timed; turn floating-point warnings into errors."""
     from impactlaw.solvers import load_solvers
     from impactlaw.stepping.time_stepping.make import warm_up

@@ -58,11 +58,8 @@ def run(study: WorkPrecision) -> dict[str, pd.DataFrame]:
 
 def write(tables: dict[str, pd.DataFrame], study: WorkPrecision) -> None:
     """Write every table as CSV, the machine beside them, and the pictures."""
-    study.out.mkdir(parents=True, exist_ok=True)
-    for name, table in tables.items():
-        table.to_csv(study.out / f"{name}.csv", index=False)
+    machine.write(tables, study.out)
     footer, stepped = machine.one_line(), tables["stepping"]
-    (study.out / "machine.txt").write_text(footer + "\n")
     draw(stepped, study.out / "stepping.png", footer)
     draw(where(stepped, stepped.scene.isin(COMPACT)), study.out / "compact.png", footer)
 

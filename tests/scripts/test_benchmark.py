@@ -10,6 +10,7 @@ import pytest
 from wrapped import theirs
 
 from impactlaw import Moreau, read_contacts
+from scripts import machine
 from scripts.benchmark import __main__ as benchmark
 from scripts.benchmark import chains, goals, laws, omissions, scenes, steps
 from scripts.benchmark.timing import in_turns
@@ -127,7 +128,7 @@ def test_goals_tell_met_from_not_met(tables):
 
 
 def test_what_is_written_is_what_was_measured(tables, tmp_path):
-    benchmark.write(tables, tmp_path)
+    machine.write(tables, tmp_path)
     for name, table in tables.items():
         assert len(pd.read_csv(tmp_path / f"{name}.csv")) == len(table)
     shown = benchmark.show(tables)

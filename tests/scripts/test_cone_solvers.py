@@ -144,7 +144,7 @@ def test_tables(table, problems, tmp_path):
     assert list(by_scene["unsolved"]) == [0]
     assert "Gauss-Seidel" in report.show(table)
     report.write(table, tmp_path)
-    assert {path.stem for path in tmp_path.iterdir()} == {"problems", "by_solver", "by_scene"}
+    assert {path.stem for path in tmp_path.iterdir()} == {"problems", "by_solver", "by_scene", "machine"}
 
 
 def test_what_is_not_installed_is_said(monkeypatch, capsys):

@@ -49,13 +49,13 @@ def test_a_thorough_search_goes_on_from_the_best_point(k):
 
 
 def test_newton_leaves_s_where_contacts_open_and_poisson_never():
-    mixed = shares(400, 1, closing=False)
+    mixed = shares(400, closing=False)
     assert 0.4 < mixed.penetrates["Newton"] < 0.6
     assert 0.05 < mixed.gains["Newton"] < 0.15
     assert (mixed.loc["Poisson", ["refused", "penetrates", "gains"]] == 0.0).all()
 
 
 def test_only_poisson_has_distant_effects_where_all_close():
-    closing = shares(400, 1, closing=True)
+    closing = shares(400, closing=True)
     assert (closing.loc["Newton", ["refused", "penetrates", "gains", "distant"]] == 0.0).all()
     assert 0.15 < closing.distant["Poisson"] < 0.35

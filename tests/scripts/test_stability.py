@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from scripts.apart import Worker
 from scripts.stability import __main__ as stability
 from scripts.stability import cases, certificate, verdicts
 from scripts.stability import worker as worker_module
@@ -13,7 +14,7 @@ RIGHT, REFUSED = verdicts.RIGHT, verdicts.REFUSED
 
 @pytest.fixture(scope="module")
 def worker():
-    with worker_module.Worker() as running:
+    with Worker(worker_module.prepare) as running:
         yield running
 
 
@@ -147,10 +148,10 @@ def test_each_measurement_alone_makes_a_result_wrong_or_no_number(name):
 
 def test_a_row_that_hangs_is_a_row_and_the_next_one_runs(worker):
     name = next(name for name in cases.CASES if name.startswith("stack of 50"))
-    assert worker.run(name, "moreau 1", "auto", True, budget=0.0)[0] == verdicts.HANGS
+    assert worker_module.judged(worker, name, "moreau 1", "auto", True, budget=0.0)[0] == verdicts.HANGS
     name = "five balls at 1e+0 m/s"
-    assert worker.run(name, "moreau 1", "auto", True, budget=60.0)[0] == RIGHT
-    assert worker.run(name, "moreau two", "auto", True, budget=60.0)[0] == verdicts.CRASHES
+    assert worker_module.judged(worker, name, "moreau 1", "auto", True, budget=60.0)[0] == RIGHT
+    assert worker_module.judged(worker, name, "moreau two", "auto", True, budget=60.0)[0] == verdicts.CRASHES
 
 
 def test_the_command_writes_every_row_and_fails_where_a_verdict_is_another(tmp_path, capsys, monkeypatch):
