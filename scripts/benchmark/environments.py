@@ -18,6 +18,7 @@ from gymnasium.vector import VectorEnv
 
 from impactlaw import Moreau, Stepper
 from impactlaw.envs import ImpactLaw
+from scripts.robots.scenes import Scene, load
 from scripts.robots.starts import controls
 
 from .timing import MICRO, Row, fastest, no_collection
@@ -26,6 +27,7 @@ ENVIRONMENTS = ("Hopper-v5", "Walker2d-v5", "HalfCheetah-v5", "Ant-v5", "Humanoi
 RESTITUTION = 0.5  # of Moreau's law
 _WORLDS = 256  # of tasks
 _PIECE = 10  # environment steps, or steps of a heap
+_QUADRUPED = Scene("dm/quadruped", "dm_control", "quadruped walk")
 _HELD = 5  # steps of a robot for which controls are held
 _SHAPES = ("box", "sphere", "capsule", "cylinder", "ellipsoid")
 
@@ -81,9 +83,10 @@ def run_robots(
         repetitions: number of runs, each from the start.
     """
     for name in robots:
-        shipped = _robot(name).opt.integrator
+        scene = _QUADRUPED if name == _QUADRUPED.name else Scene(name, "gymnasium", name)
+        shipped = load(scene).model.opt.integrator
         for integrator in dict.fromkeys((shipped, int(mujoco.mjtIntegrator.mjINT_EULER))):
-            model = _robot(name)
+            model = load(scene).model
             model.opt.integrator = integrator
             ways: dict[str, Callable[[mujoco.MjData], object]] = {
                 "mujoco": partial(mujoco.mj_step, model),
@@ -96,15 +99,6 @@ def run_robots(
             row |= {f"{way}_us": MICRO * seconds / (pieces * _HELD) for way, seconds in taken.items()}
             ratios = {f"{way}_ratio": taken[way] / taken["mujoco"] for way in ("time_stepping", "soft")}
             yield row | ratios | {"shipped": integrator == shipped}
-
-
-def _robot(name: str) -> mujoco.MjModel:
-    if name == "dm/quadruped":
-        from dm_control import suite
-
-        return suite.load("quadruped", "walk").physics.model.ptr
-    env: Any = gymnasium.make(name).unwrapped
-    return env.model
 
 
 def _drive(model: mujoco.MjModel, step: Callable[[mujoco.MjData], object], pieces: int) -> np.ndarray:

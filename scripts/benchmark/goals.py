@@ -29,10 +29,6 @@ _COMPARED = {
 _SMALL = ("cradle 5", "box_drop", "box at rest")
 
 
-Table = Any
-"""A DataFrame; the types of pandas do not tell rows from columns."""
-
-
 @dataclass(frozen=True)
 class Goal:
     """One line: the goal, the measured value, and whether the goal is met."""
@@ -64,7 +60,7 @@ def goals(tables: dict[str, pd.DataFrame]) -> list[Goal]:
     return [goal for name, answer in answers.items() if name in tables for goal in answer(tables[name])]
 
 
-def records(table: Table) -> list[dict[str, Any]]:
+def records(table: Any) -> list[dict[str, Any]]:  # the types of pandas do not tell rows from columns
     """Return one dictionary per row."""
     return table.to_dict("records")
 
@@ -84,7 +80,7 @@ def _least(goal: str, value: float, least: float, digits: int = 2) -> Goal:
     return Goal(goal, f"{value:.{digits}f}", bool(value >= least))
 
 
-def _law_goals(table: Table) -> Iterator[Goal]:
+def _law_goals(table: Any) -> Iterator[Goal]:
     chosen = table[table.h <= LAW_CONTACTS]
     for kind, rows in chosen.groupby("kind", sort=False):
         for column, what in (("law_ratio", "solver's certificate"), ("audited_ratio", "independent certificate too")):
@@ -95,7 +91,7 @@ def _law_goals(table: Table) -> Iterator[Goal]:
             yield Goal(name, measured, bool(worst[column] <= LAW_RATIO))
 
 
-def _chain_goals(table: Table) -> Iterator[Goal]:
+def _chain_goals(table: Any) -> Iterator[Goal]:
     for chain, rows in table[table.outcome == "solved"].groupby("chain", sort=False):
         law = rows[rows.solver == "law"].set_index("h")
         others = rows[(rows.solver != "law") & (rows.h == CHAIN)].sort_values("ratio")
@@ -112,7 +108,7 @@ def _chain_goals(table: Table) -> Iterator[Goal]:
         yield Goal(f"{chain} chains, law: residual < {CHAIN_RESIDUAL:g}", measured, largest < CHAIN_RESIDUAL)
 
 
-def _step_goals(table: Table) -> Iterator[Goal]:
+def _step_goals(table: Any) -> Iterator[Goal]:
     rigid = table[table.outcome == FINE]
     for phase in ("flight", "contact", ALL):
         rows = rigid[(rigid.integrator == "RK4") & (rigid.phase == phase)].sort_values("ratio")
@@ -129,13 +125,13 @@ def _step_goals(table: Table) -> Iterator[Goal]:
             yield Goal(f"rigid step <= {STEP_RATIO:g} x mj_step, {scene}", measured, met)
 
 
-def _wrapper_goals(table: Table) -> Iterator[Goal]:
+def _wrapper_goals(table: Any) -> Iterator[Goal]:
     for row in records(table):
         name = f"wrapper <= {WRAPPER_RATIO:g} x the plain environment, {row['environment']}"
         yield _most(name, row["ratio"], WRAPPER_RATIO)
 
 
-def _robot_goals(table: Table) -> Iterator[Goal]:
+def _robot_goals(table: Any) -> Iterator[Goal]:
     for row in records(table):
         most = EULER_RATIO if row["integrator"] == "EULER" else SHIPPED_RATIO
         what = f"mj_step, {row['integrator']}, {row['robot']}"
@@ -144,13 +140,13 @@ def _robot_goals(table: Table) -> Iterator[Goal]:
             yield _most(f"soft step <= {SOFT_RATIO:g} x {what}", row["soft_ratio"], SOFT_RATIO)
 
 
-def _heap_goals(table: Table) -> Iterator[Goal]:
+def _heap_goals(table: Any) -> Iterator[Goal]:
     for row in records(table):
         name = f"soft step <= {HEAP_RATIO:g} x mj_step, {row['bodies']} bodies in a heap"
         yield _most(name, row["ratio"], HEAP_RATIO)
 
 
-def _task_goals(table: Table) -> Iterator[Goal]:
+def _task_goals(table: Any) -> Iterator[Goal]:
     for task, rows in table.groupby("task", sort=False):
         measured = ", ".join(f"{row['scheme']} {row['steps_per_second']:.0f}" for row in records(rows))
         least = STEPS_PER_SECOND[str(task)]
@@ -159,7 +155,7 @@ def _task_goals(table: Table) -> Iterator[Goal]:
         yield Goal(f"{task} >= {least} environment steps a second", measured, met)
 
 
-def _omission_goals(table: Table) -> Iterator[Goal]:
+def _omission_goals(table: Any) -> Iterator[Goal]:
     for part in LATER:
         some = table[table.left_out == part].sort_values("ratio")
         if len(some):
@@ -168,14 +164,14 @@ def _omission_goals(table: Table) -> Iterator[Goal]:
             yield Goal(f"{part} costs nothing where a scene has none: the same motion; put back it takes", shown, met)
 
 
-def _import_goal(table: Table) -> Iterator[Goal]:
+def _import_goal(table: Any) -> Iterator[Goal]:
     added = table.added_s
     measured = f"median {added.median():.3f} s, least {added.min():.3f} s, beside {table.mujoco_s.median():.3f} s"
     met = bool(added.median() <= IMPORT_SECONDS)
     yield Goal(f"import impactlaw adds <= {IMPORT_SECONDS:g} s to import mujoco", measured, met)
 
 
-def _worlds_goals(table: Table) -> Iterator[Goal]:
+def _worlds_goals(table: Any) -> Iterator[Goal]:
     rows = table[table.worlds == MANY]
     for row in records(rows[rows.threads == rows.threads.max()]):
         for column, (what, least) in _COMPARED.items():
@@ -188,13 +184,13 @@ def _worlds_goals(table: Table) -> Iterator[Goal]:
         yield _least(f"two threads >= {SECOND_THREAD:g} x one, {row['task']}", ratio, SECOND_THREAD)
 
 
-def _vector_goal(table: Table) -> Iterator[Goal]:
+def _vector_goal(table: Any) -> Iterator[Goal]:
     ours, processes = table.steps_per_s
     name = f"worlds of Hopper >= {OF_PROCESSES:g} x AsyncVectorEnv of the wrapper"
     yield _least(name, ours / processes, OF_PROCESSES, 1)
 
 
-def _compiling_goals(table: Table) -> Iterator[Goal]:
+def _compiling_goals(table: Any) -> Iterator[Goal]:
     for process, most in (("compiles", COMPILE_SECONDS), ("loads", LOAD_SECONDS)):
         seconds = table.processor_s[table.process == process].median()
         yield _most(f"a process that {process}: <= {most:g} s", seconds, most, 1, " s")

@@ -37,13 +37,9 @@ class Study:
     most_rows: options.Count = 300
     """Largest number of rows of the problems that Clarabel gets."""
     quick: bool = False
-    """Solve 100 problems of 5 scenes only."""
+    """Solve 100 problems of 5 scenes only, in less than a minute."""
     out: Path = Path("out/cone_solvers")
     """Folder of the files."""
-
-    def quickly(self) -> Study:
-        """Return a copy with 100 problems of 5 scenes, which takes less than a minute."""
-        return replace(self, problems=100, only=self.only or QUICK, most_rows=100)
 
 
 def captured(study: Study, scenes: list[Scene]) -> list[Problem]:
@@ -73,7 +69,8 @@ def main() -> None:
     from . import measure, report
     from .solvers import solvers
 
-    study = study.quickly() if study.quick else study
+    if study.quick:
+        study = replace(study, problems=100, only=study.only or QUICK, most_rows=100)
     who = solvers()
     problems = captured(study, chosen(catalogue(), study.only))
     print(f"{len(problems)} problems of {len({problem.scene for problem in problems})} scenes")
