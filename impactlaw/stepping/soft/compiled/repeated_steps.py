@@ -18,10 +18,11 @@ from impactlaw.laws import Coulomb, Law, Target
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact, cone_gradients, cone_problem
 from impactlaw.mechanics.impact import Impact
+from impactlaw.mechanics.kinetic_metric import KineticMetric
 from impactlaw.solvers.friction.problem import ENOUGH, ConeAnswer, ConeProblem
 from impactlaw.solvers.friction.solve import BRIEF, THOROUGH, shared, solve_cones
 from impactlaw.solvers.problem import Status
-from impactlaw.stepping.collisions import as_closed
+from impactlaw.stepping.collisions import Closed, Collider, as_closed
 from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums, changed_model
 from impactlaw.stepping.integration import restore_state
 from impactlaw.stepping.soft.compiled.collide import SUMS
@@ -31,6 +32,7 @@ from impactlaw.stepping.work import Work
 
 _AGAIN = 1e-4  # largest deviation of the intensity of repeated collisions, relative to the intensity
 _STILL = 1e-7  # velocity after a collision, relative to its speed, up to which a contact sticks, or touches
+_KEPT = 1e-7  # largest change of the velocity of a constraint that is kept, relative to the largest of its terms
 _SAME = 1e-9  # largest difference between two outcomes of a law that are the same, relative to the largest velocity
 
 
@@ -44,7 +46,6 @@ class _Known(Law):
 
     law: Law
     outcomes: deque[np.ndarray]  # see `world.Law.outcomes`
-    closed: bool = False  # see `as_closed`
 
     def target(self, collision: Collision) -> Target:
         """Return the target of the law."""
@@ -52,12 +53,10 @@ class _Known(Law):
 
     def resolve(self, collision: Collision, *, solver: str = "auto") -> Impact:
         """Return the impact with the next known outcome."""
-        if not self.outcomes:
+        if not self.outcomes or not _keeps_constraints(collision, self.outcomes[0][:-2]):
             return self._by_law(collision, solver)
-        *_, kept, opening = self.outcomes[0]
-        if self.closed and not opening:  # compiled code has not used this outcome, either
-            raise UnsolvableLawError(list(collision.labels), np.ones(len(collision.labels)))
-        velocity = self.outcomes.popleft()[:-2]
+        *velocity, kept, _ = self.outcomes.popleft()
+        velocity = np.array(velocity)
         c = collision.without_idle_friction
         if isinstance(self.law, Coulomb) and self.law.law.has_target and c.friction is not None and len(c.friction):
             known = self.law, c, velocity, float(kept)
@@ -76,6 +75,15 @@ class _Known(Law):
         """Return the impact of the law itself, within the work that a step in Python may take."""
         work = Work(len(collision.pre_velocity), WORK, rounds=THOROUGH, once=True)
         return self.law.resolve(collision, solver=solver, **({"effort": work} if isinstance(self.law, Coulomb) else {}))
+
+
+def _keeps_constraints(collision: Collision, velocity: np.ndarray) -> bool:
+    """Return whether constraints keep their velocity; if not, this outcome is one after some of them gave way."""
+    if collision.bilateral_jacobian is None:
+        return True
+    rows = collision.bilateral_jacobian
+    largest = np.abs(rows) @ np.maximum(np.abs(collision.pre_velocity), np.abs(velocity))
+    return bool(np.all(np.abs(rows @ (velocity - collision.pre_velocity)) <= _KEPT * largest))
 
 
 def _is_same(velocity: np.ndarray, known: np.ndarray) -> bool:
@@ -158,7 +166,29 @@ def _nearest(problem: ConeProblem, jump: np.ndarray) -> np.ndarray:
 
 @as_closed.register
 def _(law: _Known) -> Law:
-    return _Known(as_closed(law.law), law.outcomes, closed=True)
+    return _Known(as_closed(law.law), law.outcomes)
+
+
+@dataclass(frozen=True)
+class _KnownCollider(Collider):
+    """A collider whose outcomes are known, and judged: those that are fitted to them here are less accurate."""
+
+    outcomes: deque[np.ndarray]  # those of its laws
+    begun: list[tuple[np.ndarray, tuple[np.ndarray, ...]]]  # velocity and outcomes when collisions last began
+
+    def collide(self, metric: KineticMetric, closed: Closed, velocity: np.ndarray, **more: Any) -> np.ndarray:
+        """Do what `Collider.collide` does; if constraints have given way, with the same outcomes again."""
+        if self.begun and np.array_equal(self.begun[0][0], velocity):
+            self.outcomes.clear()
+            self.outcomes.extend(self.begun[0][1])
+        self.begun[:] = [(velocity.copy(), tuple(self.outcomes))] if closed.bilateral is not None else []
+        return super().collide(metric, closed, velocity, **more)
+
+    def _as_closed(self, law: Law, collision: Collision, limited: dict[str, Work]) -> Impact | None:
+        """Return None if compiled code has found that contacts which open slowly must not take part."""
+        if not self.outcomes:
+            return super()._as_closed(law, collision, limited)
+        return as_closed(law).resolve(collision, solver=self.solver) if self.outcomes[0][-1] else None
 
 
 def sums_in(found: Iterable[float]) -> ImpactSums:
@@ -200,10 +230,8 @@ class StepRepeater:
             outcomes = deque(compiled.outcomes(row))
             misses |= _misses(compiled.sums(), sums_in(row[-SUMS:]))
             restore_state(scheme.model, data, row[:-SUMS])
-            law, last_law = _Known(by.law, outcomes), _Known(by.last_law, outcomes)
-            # compiled code has judged these outcomes; impulses that are fitted to them here are less accurate
-            known = replace(by, law=law, last_law=last_law, on_inadmissible="allow")
-            scheme.collisions.collider = known
+            laws = _Known(by.law, outcomes), _Known(by.last_law, outcomes)
+            scheme.collisions.collider = _KnownCollider(*laws, "allow", by.most, by.solver, outcomes, [])
             try:
                 events += scheme.step(data)
             finally:
