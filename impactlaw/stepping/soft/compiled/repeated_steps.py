@@ -60,11 +60,14 @@ class _Known(Law):
         c = collision.without_idle_friction
         if isinstance(self.law, Coulomb) and self.law.law.has_target and c.friction is not None and len(c.friction):
             known = self.law, c, velocity, float(kept)
-            return _with_friction(*known) or self._scaled(collision, velocity) or _fitted(*known)
+            near = _with_friction(*known)
+            if near is not None and near.residual <= _SAME:
+                return near
+            return self._again(collision, velocity) or near or _fitted(*known)
         return _with_velocity(self._by_law(collision, solver), velocity)
 
-    def _scaled(self, collision: Collision, velocity: np.ndarray) -> Impact | None:
-        """Return the impact by the law, whose contacts keep different shares; None if that is not found again."""
+    def _again(self, collision: Collision, velocity: np.ndarray) -> Impact | None:
+        """Return the impact by the law, which may scale contacts differently; None if that is not found again."""
         try:
             impact = self._by_law(collision, "auto")
         except (SolverError, UnsolvableLawError, UnfinishedStepError):
