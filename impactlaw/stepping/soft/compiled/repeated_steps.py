@@ -53,7 +53,9 @@ class _Known(Law):
 
     def resolve(self, collision: Collision, *, solver: str = "auto") -> Impact:
         """Return the impact with the next known outcome."""
-        if not self.outcomes or not _keeps_constraints(collision, self.outcomes[0][:-2]):
+        if self.outcomes and not _keeps_constraints(collision, self.outcomes[0][:-2]):
+            self.outcomes.clear()  # all these are known when the collisions begin anew
+        if not self.outcomes:
             return self._by_law(collision, solver)
         *velocity, kept, _ = self.outcomes.popleft()
         velocity = np.array(velocity)

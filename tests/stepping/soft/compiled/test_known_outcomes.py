@@ -74,3 +74,10 @@ def test_outcomes_with_contacts_that_open_slowly_are_those_of_the_step(boxes, se
 def test_fitted_impulses_that_miss_the_outcome_give_way_to_those_of_the_law():
     """Impulses fitted to one collision of these boxes miss it by 7e-9 of its speed; the law finds better ones."""
     assert told(packed(6, 0), 0.5, 100) < 1e-10
+
+
+def test_collisions_of_an_attempt_that_is_not_the_last_are_all_by_the_law():
+    """Of many collisions in one attempt, an outcome of the last attempt fits only the later ones."""
+    model, data = linkage(7)
+    data.qvel[:] = np.random.default_rng(8).normal(size=model.nv)
+    assert told((model, data), 0.5, 200) < 1e-9
