@@ -26,7 +26,10 @@ BEYOND = 4.0
 """Range, as a multiple of the depth, within which opening some contacts can close others."""
 _EDGES = tuple(int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("HFIELD", "CYLINDER", "BOX", "MESH"))
 """Shapes with edges."""
-_PLANE, _CYLINDER = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
+_PLANE, _SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX = (
+    int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}"))
+    for name in ("PLANE", "SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX")
+)
 LAST_LOSS = int(mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON)
 
 
@@ -78,16 +81,52 @@ def _sliding(one, other, velocity, arm, rates, first, many):
     return np.sqrt(along) + np.sqrt(turning) * arm
 
 
+@plain
+def _support(kind, size, normal):
+    """Return how far a shape extends from its centre along a normal in its frame, m; infinite if not in closed form."""
+    x, y, z = abs(normal[0]), abs(normal[1]), abs(normal[2])
+    if kind == _SPHERE:
+        return size[0]
+    if kind == _CAPSULE:
+        return size[0] + size[1] * z
+    if kind == _ELLIPSOID:
+        return np.sqrt((size[0] * x) ** 2 + (size[1] * y) ** 2 + (size[2] * z) ** 2)
+    if kind == _CYLINDER:
+        return size[0] * np.sqrt(x * x + y * y) + size[1] * z
+    if kind == _BOX:
+        return size[0] * x + size[1] * y + size[2] * z
+    return np.inf
+
+
+@plain
+def _is_clear(one, other, shape, extent, place, turn):
+    """Return whether one of two geoms is a plane, and the other one does not overlap it by more than `SLOP`."""
+    if shape[one] != _PLANE:
+        one, other = other, one
+    if shape[one] != _PLANE:
+        return False
+    gap, normal = 0.0, (0.0, 0.0, 0.0)
+    for k in range(3):
+        n = turn[one, 3 * k + 2]
+        gap += n * (place[other, k] - place[one, k])
+        x, y, z = turn[other, 3 * k], turn[other, 3 * k + 1], turn[other, 3 * k + 2]
+        normal = (normal[0] + n * x, normal[1] + n * y, normal[2] + n * z)
+    return gap - _support(shape[other], extent[other], normal) >= -SLOP
+
+
 @compiled(
-    "(int32[:,::1],float64[:,::1],float64[:,::1],int32[:,::1],int32[::1],int32[::1],float64[:,::1],float64[::1],"
-    "float64[:,::1],float64[:,::1],int32[::1],float64)"
+    "(int32[:,::1],float64[:,::1],float64[:,::1],int32[:,::1],int32[::1],int32[::1],float64[:,::1],float64[:,::1],"
+    "float64[:,::1],float64[:,::1],float64[::1],float64[:,::1],float64[:,::1],int32[::1],float64)"
 )
-def bend(groups, amounts, rates, geoms, body_of_geom, shape, velocity, size, center, offset, parent, timestep):
+def bend(
+    groups, amounts, rates, geoms, body_of_geom, shape, extent, place, turned, velocity, size, center, offset, parent,
+    timestep,
+):  # fmt: skip
     """Return a bound on the deviation of contacts from their gradients at the end of a step, m; 0 if below `_SEEN`.
 
     A point with acceleration a at constant joint velocities leaves its straight line by ``a (h / 2)^2 / 2``. Between
     two shapes with edges a contact can also jump from one edge to another, as far as the bodies slide along each other.
-    On a plane it can run round the rim of a cylinder.
+    On a plane it can run round the rim of a cylinder. Contacts with planes that are known not to overlap do not count.
 
     Args:
         groups: see `rows.Rows`, like the next two.
@@ -96,6 +135,9 @@ def bend(groups, amounts, rates, geoms, body_of_geom, shape, velocity, size, cen
         geoms: geoms of MuJoCo's contacts, (ncon, 2).
         body_of_geom: body of each geom, (ngeom,).
         shape: MuJoCo's geom_type of each geom, (ngeom,).
+        extent: MuJoCo's geom_size, (ngeom, 3).
+        place: positions of geoms at the end of the step, MuJoCo's geom_xpos, (ngeom, 3).
+        turned: their frames, MuJoCo's geom_xmat, (ngeom, 9).
         velocity: MuJoCo's cvel at the end of the step, (nbody, 6).
         size: result of `margins.write_sizes`, (nbody,).
         center: centers of mass of bodies, (nbody, 3).
@@ -109,6 +151,8 @@ def bend(groups, amounts, rates, geoms, body_of_geom, shape, velocity, size, cen
         if source < 0:
             continue
         one, other = geoms[source, 0], geoms[source, 1]
+        if _is_clear(one, other, shape, extent, place, turned):
+            continue
         turn, bodies = 0.0, (body_of_geom[one], body_of_geom[other])
         for body in bodies:
             turn += 0.125 * timestep**2 * _acceleration(body, velocity, size, center, offset, parent)
@@ -167,8 +211,8 @@ class EndCorrection:
         """
         model, h = self._model, self._model.opt.timestep
         depth = bend(
-            rows.groups, rows.amounts, rows.rates, geoms, model.geom_bodyid, model.geom_type, data.cvel,
-            self._size, data.xipos, model.body_ipos, model.body_parentid, h,
+            rows.groups, rows.amounts, rows.rates, geoms, model.geom_bodyid, model.geom_type, model.geom_size,
+            data.geom_xpos, data.geom_xmat, data.cvel, self._size, data.xipos, model.body_ipos, model.body_parentid, h,
         )  # fmt: skip
         if depth == 0.0:
             return None

@@ -208,7 +208,9 @@ def correct_end(w, rows, pairs):
     nbody, ngeom, h = size(w, MODEL.nbody), size(w, MODEL.ngeom), w.timestep
     depth = bend(
         rows.groups, rows.amounts, rows.rates, pairs.reshape((-1, 2)),
-        model_ints(w, MODEL.geom_bodyid, ngeom), model_ints(w, MODEL.geom_type, ngeom), rows_of(w, DATA.cvel, nbody, 6),
+        model_ints(w, MODEL.geom_bodyid, ngeom), model_ints(w, MODEL.geom_type, ngeom),
+        model_floats(w, MODEL.geom_size, 3 * ngeom).reshape((ngeom, 3)), rows_of(w, DATA.geom_xpos, ngeom, 3),
+        rows_of(w, DATA.geom_xmat, ngeom, 9), rows_of(w, DATA.cvel, nbody, 6),
         floats(w.sizes, nbody), rows_of(w, DATA.xipos, nbody, 3),
         model_floats(w, MODEL.body_ipos, 3 * nbody).reshape((nbody, 3)), model_ints(w, MODEL.body_parentid, nbody), h,
     )  # fmt: skip

@@ -21,7 +21,7 @@ from impactlaw.stepping.compiled.access import (
     size,
     velocity_of,
 )
-from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, flags, floats, ints, table_floats
+from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, flags, floats, int_at, ints, put_int, table_floats
 from impactlaw.stepping.time_stepping.compiled.end_of_step import update_frames
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import settle
 from impactlaw.stepping.time_stepping.compiled.limits import hide_far_limits, narrow_limits
@@ -39,7 +39,7 @@ from impactlaw.stepping.time_stepping.margins import ALWAYS, outruns, write_arms
 from impactlaw.stepping.time_stepping.problem.contact_points import put_on_bodies, put_on_planes
 from impactlaw.stepping.time_stepping.tolerances import SHARES
 
-_EULER = int(mujoco.mjtIntegrator.mjINT_EULER)
+_EULER, _CONSTRAINT = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
 _CONTACT_FULL, _ROWS_FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)
 
 
@@ -219,32 +219,44 @@ def _find_contacts(w, margins):
     warnings = ints(w.data + offset(w, DATA.warning), 2 * (max(_CONTACT_FULL, _ROWS_FULL) + 1))
     for share in SHARES:
         seen = warnings[2 * _CONTACT_FULL + 1] + warnings[2 * _ROWS_FULL + 1]
-        mj.fwd_position(w.model, w.data)
-        mended = find_standing(w, True)
+        _find(w)
         if warnings[2 * _CONTACT_FULL + 1] + warnings[2 * _ROWS_FULL + 1] == seen:
-            _mend_contacts(w, mended)
             return False
         for i in range(len(margins)):
             margins[i] *= share
-    mj.fwd_position(w.model, w.data)
-    _mend_contacts(w, find_standing(w, True))
+    _find(w)
     return True
 
 
 @plain
-def _mend_contacts(w, mended):
-    """Do the same as `free_motion._mend_contacts`."""
-    if number(w, DATA.ncon) == 0 and not mended:
-        return
+def _find(w):
+    """Compute everything that depends on positions; rows of constraints are made after contacts have been mended.
+
+    Flexes keep results in the memory that a second detection frees: there, rows are made twice.
+    """
+    at, twice = w.model + offset(w, MODEL.opt_disableflags), size(w, MODEL.nflex) > 0
+    flags = int_at(at)
+    if not twice:
+        put_int(at, np.int32(flags | _CONSTRAINT))
+    mj.fwd_position(w.model, w.data)
+    put_int(at, flags)
+    mended = find_standing(w, twice)
+    if _mend_contacts(w) or mended or not twice:
+        mj.make_constraint(w.model, w.data)
+
+
+@plain
+def _mend_contacts(w):
+    """Correct contacts as `free_motion._mend_contacts` does; return whether any was changed."""
+    if number(w, DATA.ncon) == 0:
+        return False
     frame, dist = contact_floats(w, CONTACT.frame, 9), contact_floats(w, CONTACT.dist, 1)[:, 0]
     pos, geom = contact_floats(w, CONTACT.pos, 3), contact_ints(w, CONTACT.geom, 2)
     body, many = model_ints(w, MODEL.geom_bodyid, size(w, MODEL.ngeom)), size(w, MODEL.nbody)
     weld, tree = model_ints(w, MODEL.body_weldid, many), model_ints(w, MODEL.body_treeid, many)
     turned = make_orthogonal(frame)
     moved = put_on_bodies(dist, pos, frame, contact_ints(w, CONTACT.dim, 1)[:, 0], geom, body, weld, tree)
-    moved = put_on_planes(dist, pos, frame, geom, body, weld) or moved
-    if turned or moved or mended:
-        mj.make_constraint(w.model, w.data)
+    return put_on_planes(dist, pos, frame, geom, body, weld) or moved or turned
 
 
 @plain
