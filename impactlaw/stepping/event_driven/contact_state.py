@@ -7,8 +7,11 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from impactlaw.mechanics.kinetic_metric import KineticMetric
 from impactlaw.scene.contacts import Contacts
 from impactlaw.scene.patterns import Pattern
+from impactlaw.solvers.problem import row_lengths
+from impactlaw.stepping.collisions import Closed
 from impactlaw.stepping.event_driven.configuration import Configuration
 from impactlaw.stepping.event_driven.contact_set import ContactSet, Rows
 from impactlaw.stepping.event_driven.location.travel import Frames, Travel
@@ -121,11 +124,14 @@ class ContactState(NamedTuple):
         held = held & self.closed & (self.contact_velocity < 0.0)
         if not np.count_nonzero(held):
             return False
-        return bool(np.count_nonzero(held & (self.contact_velocity < -self.noise_now())))
+        if np.count_nonzero(held & (self.contact_velocity < -np.maximum(self.noise, SILENT * self.still))):
+            return True
+        return bool(np.count_nonzero(held & (self.contact_velocity < -_noise(self.contact_set, self.velocity))))
 
-    def noise_now(self) -> np.ndarray:
-        """Return the noise of all contacts, also where nothing here depends on it; this is the current state."""
-        return _noise(self.contact_set, self.velocity)
+    def rounding_by(self, metric: KineticMetric, closed: Closed) -> np.ndarray:
+        """Return `rounding` of the closed contacts, (k,), also where nothing here depends on it, given the metric."""
+        noise = (_ROUNDING * metric.norm(self.velocity)) * row_lengths(metric.whiten_gradients(closed.jacobian))
+        return np.maximum(noise, self.still)
 
     @property
     def collides(self) -> bool:

@@ -312,12 +312,12 @@ class RigidStepping:
     def _collide(self, start: ContactState, events: list[ImpactEvent]) -> ContactState:
         """Resolve the collisions at this time."""
         data, before = self._configuration.data, len(events)
-        closed = start.closed.nonzero()[0]
+        closed, metric = start.contact_set.closed(start.closed.nonzero()[0]), self._metric_now()
         self._check_calm(start)
-        rounding = np.maximum(start.noise_now(), start.still)[closed]
+        rounding = start.rounding_by(metric, closed)
         data.qvel[:] = self._collider.collide(
-            self._metric_now(),
-            start.contact_set.closed(closed),
+            metric,
+            closed,
             start.velocity,
             approach=rounding,
             rounding=rounding,
