@@ -109,9 +109,7 @@ def joint_inertia(model: mujoco.MjModel) -> np.ndarray | None:
     return model.opt.timestep * model.dof_damping
 
 
-def implicit_inertia(
-    model: mujoco.MjModel, data: mujoco.MjData, duration: float, inertia: np.ndarray
-) -> np.ndarray | None:
+def implicit_inertia(model: mujoco.MjModel, data: mujoco.MjData, duration: float, M: np.ndarray) -> np.ndarray | None:
     """Return the diagonal of ``tau D``, which MuJoCo's last step added to M, (nv,); None if it added nothing.
 
     MuJoCo's integrators advance by ``(M + tau D)^-1``, where D are derivatives of forces by velocity: Euler includes
@@ -122,7 +120,7 @@ def implicit_inertia(
         model: the scene.
         data: its state after `mj_step`.
         duration: duration tau of that step, s.
-        inertia: the diagonal of M in that step, (nv,).
+        M: a copy of ``data.M`` in that step.
     """
     integrator, off = int(model.opt.integrator), model.opt.disableflags
     if integrator == _RK4 or (integrator == _EULER and (off & NO_DAMPING or not damps(model))):
@@ -136,7 +134,7 @@ def implicit_inertia(
         squares = data.qH * data.qH
         squares[diagonal] = 1.0
         scale = np.repeat(1.0 / data.qHDiagInv, model.M_rownnz)
-        added = np.bincount(model.M_colind, squares * scale, model.nv) - inertia
+        added = np.bincount(model.M_colind, squares * scale, model.nv) - M[diagonal]
     added[added <= _ROUNDING * model.dof_M0] = 0.0
     return added if np.count_nonzero(added) else None
 

@@ -70,7 +70,7 @@ class Configuration:
         """Find what implicit damping adds to M, from what the phase left in data, before the next phase."""
         if self._phase is not None:
             duration, M = self._phase
-            self._known, self._phase = implicit_inertia(self.model, self.data, duration, M[self._diagonal]), None
+            self._known, self._phase = implicit_inertia(self.model, self.data, duration, M), None
             if duration > 0.0:
                 self._damping = None if self._known is None else self._known / duration
 
@@ -170,9 +170,10 @@ class Configuration:
             return
         self._root = None
         M, added = self.data.M, self._added
-        own = M[self._diagonal]
+        own = None if added is None else M[self._diagonal]
         if added is not None:
             M[self._diagonal] += added
         mujoco.mj_factorM(self.model, self.data)
-        M[self._diagonal] = own
+        if own is not None:
+            M[self._diagonal] = own
         self._factored = True
