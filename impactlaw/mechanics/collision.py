@@ -221,7 +221,7 @@ class Collision:
 
     def _own_velocity(self, velocity: np.ndarray) -> np.ndarray:
         """Return ``J v``, (h,), with 0 instead of the rounding error at contacts that constraints keep from moving."""
-        gamma = self.jacobian @ velocity
+        gamma = self.jacobian.dot(velocity)
         if self.bilateral_jacobian is not None and not self.gradient_norms.all():
             lengths = row_lengths(self.metric.whiten_gradients(self.jacobian))
             gamma[(self.gradient_norms == 0) & (np.abs(gamma) <= FIXED * lengths * self.metric.norm(velocity))] = 0.0
@@ -326,7 +326,7 @@ class Collision:
     def pre_speed(self) -> float:
         """``|v-|`` in the kinetic metric, sqrt(J); relative to moving surfaces if that is larger."""
         z, relative = self.whitened_velocity, self.relative_velocity
-        return sqrt(z @ z) if relative is z else sqrt(max(z @ z, relative @ relative))
+        return sqrt(z.dot(z)) if relative is z else sqrt(max(z.dot(z), relative.dot(relative)))
 
     @cached_property
     def kinetic_energy(self) -> float:

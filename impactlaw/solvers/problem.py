@@ -74,7 +74,7 @@ class Problem:
 
     def slack(self, z: np.ndarray) -> np.ndarray:
         """Return ``(Y z - c) / |Y_i|``, shape (h,), in sqrt(J); for rows of zeros it is ``-c_i``."""
-        return (self.gradients @ z - self.bound) / self.lengths
+        return (self.gradients.dot(z) - self.bound) / self.lengths
 
     def with_gradients(self, gradients: Any) -> Problem:
         """Return the same problem with Y in another form, array or CSR array."""

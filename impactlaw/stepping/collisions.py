@@ -40,7 +40,7 @@ class Closed(NamedTuple):
 
     def contact_velocity(self, velocity: np.ndarray) -> np.ndarray:
         """Return ``J v + w``, m/s, (h,)."""
-        gamma = self.jacobian @ velocity
+        gamma = self.jacobian.dot(velocity)
         return gamma if self.drift is None else gamma + self.drift
 
     def coupled(self, metric: KineticMetric) -> np.ndarray:
@@ -171,7 +171,7 @@ class Collider:
             collision = some.collision(metric, velocity)
             law = self.last_law if final else self.law
             limited = {"effort": work} if work is not None and isinstance(law, Coulomb) else {}
-            if not final and np.any(gamma[chosen] > rounding[chosen]):
+            if not final and np.count_nonzero(gamma[chosen] > rounding[chosen]):
                 impact = self._as_closed(law, collision, limited)
                 if impact is None:
                     opening = 0.0
@@ -181,7 +181,7 @@ class Collider:
             by_law, impact = impact, self._admissible(impact, rounding[chosen], time)
             events.append(ImpactEvent(time, some.contacts, impact, qpos.copy(), impact is not by_law))
             before, velocity = velocity, impact.post_velocity
-            if final or np.array_equal(before, velocity):  # a law that changes nothing now changes nothing next time
+            if final or not np.count_nonzero(before != velocity):  # what changes nothing now changes nothing next time
                 return velocity
             closed = closed._replace(drift_before=None)
 
@@ -200,8 +200,9 @@ class Collider:
     def _admissible(self, impact: Impact, rounding: np.ndarray, time: float) -> Impact:
         if self.on_inadmissible == "allow":
             return impact
-        collision, slowest = impact.collision, -_sharp(impact, rounding)
-        opens = bool(np.all(impact.post_contact_velocity >= slowest))  # what opened by rounding may close by rounding
+        collision, after = impact.collision, impact.post_contact_velocity
+        opened = after >= -_sharp(impact, rounding)  # what opened by rounding may close by rounding
+        opens = np.count_nonzero(opened) == len(opened)
         if opens and impact.__class__ is Impact and _violations_if_open(impact).is_admissible():
             return impact
         v = impact.violations

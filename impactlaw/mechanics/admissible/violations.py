@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import sqrt
+from math import isnan, sqrt
 from numbers import Real
 from typing import Any
 
@@ -51,9 +51,9 @@ def measured(c: Any, jump: np.ndarray, after: np.ndarray, kinetic: float, gain: 
     """Return the violations, given ``R^T (v+ - v-)``, ``gamma+``, the results of `pushed`, and the scale ``|v-|``."""
     before = c.relative_velocity
     z = before + jump
-    speeds = sqrt(z @ z) + sqrt(before @ before)
+    speeds = sqrt(z.dot(z)) + sqrt(before.dot(before))
     grown = 2.0 * gain / speeds if speeds > 0 else 0.0
-    energetic = np.inf if np.isnan(grown) else max(0.0, grown)  # NaN is infinite energy next to infinite speed
+    energetic = np.inf if isnan(grown) else max(0.0, grown)  # NaN is infinite energy next to infinite speed
     return Violations(_penetration(c, jump, after), kinetic, energetic, speed)
 
 
@@ -64,7 +64,7 @@ def pushed(c: Any, jump: np.ndarray, impulse: np.ndarray) -> tuple[float, float]
     """
     if np.count_nonzero(impulse < 0):
         impulse = nonnegative_combination(c.whitened_jacobian, jump)
-    gain = float(jump @ (c.whitened_velocity + 0.5 * jump))
+    gain = float(jump.dot(c.whitened_velocity + 0.5 * jump))
     if c.frame_rates is not None:
         gain += float(impulse @ c.frame_rates)
     return imbalance(c, jump, impulse), gain
@@ -73,7 +73,7 @@ def pushed(c: Any, jump: np.ndarray, impulse: np.ndarray) -> tuple[float, float]
 def imbalance(c: Any, jump: np.ndarray, impulse: np.ndarray) -> float:
     """Return ``|M (v+ - v-) - J^T Lambda|`` (dual kinetic norm), less what rounding Lambda to doubles may cause."""
     left = jump - impulse @ c.whitened_jacobian
-    return beyond_rounding(sqrt(left @ left), float(np.abs(impulse) @ c.gradient_norms), larger_speed(c, jump))
+    return beyond_rounding(sqrt(left.dot(left)), float(np.abs(impulse).dot(c.gradient_norms)), larger_speed(c, jump))
 
 
 def larger_speed(c: Any, jump: np.ndarray) -> float:
