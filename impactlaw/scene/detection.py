@@ -54,8 +54,12 @@ class Distances(NamedTuple):
 
     def beyond(self, distance: float) -> Distances:
         """Return the pairs whose distance is larger than a given one, m."""
-        far = (self.distance > distance).nonzero()[0]
-        return self if len(far) == len(self.distance) else Distances(*(part[far] for part in self))
+        return self.select(self.distance > distance)
+
+    def select(self, which: np.ndarray) -> Distances:
+        """Return the chosen pairs, bool (h,)."""
+        chosen = which.nonzero()[0]
+        return self if len(chosen) == len(which) else Distances(*(part[chosen] for part in self))
 
 
 class Detector:

@@ -74,7 +74,7 @@ class Dips:
             return True
         if apart.distance.min() < self._near + SKIN or self._opened(apart, start, before, duration, reach):
             return False
-        detector.refresh(data, self._near, detector.empty[0])
+        data.ncon = 0  # as if only near contacts had been looked for
         return True
 
     def are_together(
@@ -130,28 +130,31 @@ class Dips:
         found, known = now.contact_set, trial.phase_end.known
         apart, near = self._detector.distances(data, within), now.pattern
         others = near.several or data.ncon > near.geom_contacts
-        if others and apart is not None and len((apart := apart.beyond(self._near + SKIN)).distance):
+        if others and apart is not None and len((apart := self._new(apart, phase.start)).distance):
             opened = self._travel.along(phase.start.frames, data, apart) + self._bend(before, duration)
-            if self._are_new(apart.geoms[apart.distance <= opened + SKIN], phase.start):
+            if np.count_nonzero(apart.distance <= opened + SKIN):
                 found = self._detect(within)
                 known = match(found, phase)
                 phase.work.look(len(known))
         if found is now.contact_set and trial.phase_end.sustained.all():
             found = None
-        if data.ncon != now.pattern.geom_contacts:
-            self._detector.refresh(data, self._near, now.pattern)
+        if near.geom_contacts == 0:
+            data.ncon = 0
+        elif data.ncon != near.geom_contacts:
+            self._detector.refresh(data, self._near, near)
         suspects = {} if found is None else self._suspects(found, known, trial)
         if not suspects:
             return None
         return self._search(suspects, trial, state, try_for, within)
 
-    def _are_new(self, geoms: np.ndarray, start: ContactState) -> bool:
-        """Return whether a pair of geoms, (k, 2), did not start the phase with its only contact closed."""
-        if not len(geoms) or not np.count_nonzero(start.closed):
-            return len(geoms) > 0
-        key, (first, second) = start.pattern.key[start.closed & start.pattern.single], geoms.T
+    def _new(self, apart: Distances, start: ContactState) -> Distances:
+        """Return the pairs that are not near now, and did not start the phase with their only contact closed."""
+        apart, key = apart.beyond(self._near + SKIN), start.pattern.key[start.closed & start.pattern.single]
+        if not len(key) or not len(apart.distance):
+            return apart
+        first, second = apart.geoms.T
         pairs = np.minimum(first, second) * self._configuration.model.ngeom + np.maximum(first, second)
-        return not among(pairs, key).all()
+        return apart.select(~among(pairs, key))
 
     def _search(
         self,
