@@ -131,6 +131,7 @@ class Stepper:
             "_law",
             "_chosen",
             "_plan_check",
+            "_signature",
             "_way",
             "_stepping",
             "_is_soft",
@@ -182,6 +183,7 @@ class Stepper:
             setattr(self, name, value)
         self.model = self._model = model
         self.contacts, self.limits = contacts, limits
+        self._signature = model.signature or None  # 0 tells nothing
         self._chosen = select(model, contacts, limits)
         self._law = self._known(law)
         self.plan = make_plan(model, contact_model, scheme=scheme, friction=friction or "coulomb")
@@ -282,8 +284,8 @@ class Stepper:
                 now needs something that the plan has left out, such as friction, or its limits of joints have changed
                 (event-driven).
         """
-        if not isinstance(data, mujoco.MjData) or not is_data_of(self._model, data):
-            raise _other_model(data)
+        if data.__class__ is not mujoco.MjData or data.signature != self._signature:
+            _check_data(self._model, data)
         self._events = ()
         if self._plan_check is not None and self._plan_check.check() and isinstance(self._stepping, RigidStepping):
             self._stepping.learn_friction()
@@ -315,8 +317,8 @@ class Stepper:
             SceneError: the contact model is not "soft", or data is not an MjData or belongs to another model.
             ImpactLawError: for the same reasons as in `step`.
         """
-        if not isinstance(data, mujoco.MjData) or not is_data_of(self._model, data):
-            raise _other_model(data)
+        if data.__class__ is not mujoco.MjData or data.signature != self._signature:
+            _check_data(self._model, data)
         if not self._is_soft:
             raise SceneError('only soft stepping can be cut in two halves; use step(), or contact_model="soft"')
         self._events = ()
@@ -336,10 +338,11 @@ class Stepper:
         return law
 
 
-def _other_model(data: object) -> SceneError:
+def _check_data(model: mujoco.MjModel, data: object) -> None:
     if not isinstance(data, mujoco.MjData):
-        return SceneError(f"data is the mujoco.MjData of the scene, got {data!r:.100}")
-    return SceneError("data belongs to another model than the one that this stepper was made with")
+        raise SceneError(f"data is the mujoco.MjData of the scene, got {data!r:.100}")
+    if not is_data_of(model, data):
+        raise SceneError("data belongs to another model than the one that this stepper was made with")
 
 
 _CROWDED = (

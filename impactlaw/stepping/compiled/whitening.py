@@ -92,12 +92,14 @@ def apply_inverse(inertia, x):
     """Replace a force, (nv,), by ``M^-1 f``."""
     factor, inverse, nnz, adr, col = inertia
     for i in range(len(x) - 1, -1, -1):
+        s = x[i]
         for a in range(adr[i], adr[i] + nnz[i] - 1):
-            x[col[a]] -= factor[a] * x[i]
+            x[col[a]] -= factor[a] * s
     for i in range(len(x)):
-        x[i] *= inverse[i]
+        s = x[i] * inverse[i]
         for a in range(adr[i], adr[i] + nnz[i] - 1):
-            x[i] -= factor[a] * x[col[a]]
+            s -= factor[a] * x[col[a]]
+        x[i] = s
 
 
 @compiled()

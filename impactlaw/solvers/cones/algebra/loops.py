@@ -172,7 +172,7 @@ def scatter_add(v: Array, at: int, f: float, z: Array, cols: Array, begin: int, 
         z[cols[s + k]] += f * v[t + k]
 
 
-@plain
+@sums
 def norm(v: Array) -> float:
     """Return the Euclidean length of v."""
     s = 0.0

@@ -85,3 +85,24 @@ def test_a_coin_that_wobbles_does_not_sink_in(compiled):
     data.qvel[4] = 3.0
     stepper = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled)
     assert _depths(model, data, stepper, np.zeros((1000, 0)))[100:].max() <= _DEPTH
+
+
+_SHAPES = {"sphere": ".1", "capsule": ".05 .1", "ellipsoid": ".05 .1 .15", "cylinder": ".1 .05", "box": ".05 .1 .15"}
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+@pytest.mark.parametrize("shape", _SHAPES)
+def test_thrown_shapes_do_not_sink_into_a_slope(shape, compiled):
+    """They are fixed out of the centre of their body, and turn fast when they land."""
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><worldbody><geom type="plane" size="5 5 1" euler="20 0 0"/><body pos="0 0 .5"><freejoint/>
+        <inertial pos="0 0 0" mass="1" diaginertia=".02 .02 .02"/>
+        <geom type="{shape}" size="{_SHAPES[shape]}" pos=".05 .1 0" euler="30 40 50"/></body></worldbody></mujoco>"""
+    )
+    data, random = mujoco.MjData(model), np.random.default_rng(0)
+    stepper = Stepper(model, Moreau(0.0), scheme="time-stepping", compiled=compiled)
+    for _ in range(3):
+        mujoco.mj_resetData(model, data)
+        data.qvel[:] = random.normal(scale=[1, 1, 1, 15, 15, 15])
+        data.qvel[2] = -2.0
+        assert _depths(model, data, stepper, np.zeros((300, 0))).max() <= _DEPTH
