@@ -207,3 +207,21 @@ def test_a_can_comes_to_rest_on_its_face_and_draws_no_energy_from_it(timestep, t
     assert energy(model, data) + taken - before <= 3e-4  # of 1.5 J
     assert collisions <= 80
     assert np.abs(data.qvel[2:]).max() <= 1e-6
+
+
+@pytest.mark.parametrize(
+    "velocity",
+    [(0.06, -0.07, 0.3, 0.05, -0.3, 0.2, 0.6), (0.0629, -0.0661, 0.3202, 0.0525, -0.2678, 0.1808, 0.652)],
+)
+def test_a_heavy_arm_is_not_thrown_by_the_forces_that_hold_the_light_ball_below_it(velocity):
+    """The ball has a millionth of the mass of the arm: within a step these forces alone would turn it by 1 rad."""
+    arm = """<body pos="0 0 .5"><freejoint/><geom size=".1" mass=".001"/>
+      <body pos=".3 0 0"><joint axis="0 1 0" range="-10 10" limited="true"/><geom pos=".2 0 0" size=".1" mass="1000"/>
+      </body></body>"""
+    model = scene(PLANE.replace(' friction=".3"', "") + arm, 2e-3)
+    data = mujoco.MjData(model)
+    data.qvel[:] = velocity
+    stepper, begun = Stepper(model, MaximalDissipation()), energy(model, data)
+    for _ in range(250):
+        stepper.step(data)
+        assert energy(model, data) <= 1.001 * begun
