@@ -75,10 +75,8 @@ def cache_folder(parts: int = len(_PARTS)) -> Path | None:
     Args:
         parts: number of folders of sources, from the first one, that determine the name.
     """
-    digest, root = (
-        hashlib.sha256(f"{numba.__version__} {mujoco.__version__} {sys.version}".encode()),
-        Path(__file__).parent,
-    )
+    digest = hashlib.sha256(f"{numba.__version__} {mujoco.__version__} {sys.version}".encode())
+    root = Path(__file__).parent
     for name in _ALSO:
         digest.update((root / name).read_bytes())
     for folder in _PARTS[:parts]:

@@ -41,10 +41,8 @@ def by_address(function: Any) -> Any:
         address = ctypes.cast(ctypes.pythonapi.Py_IncRef, ctypes.c_void_p).value
     else:
         (overload,) = function.overloads.values()
-        signature, address = (
-            overload.signature,
-            overload.library.get_pointer_to_function(overload.fndesc.llvm_func_name),
-        )
+        signature = overload.signature
+        address = overload.library.get_pointer_to_function(overload.fndesc.llvm_func_name)
     llvm.add_symbol(symbol, address)
 
     def generate(context: Any, builder: Any, called: Any, values: Any) -> Any:

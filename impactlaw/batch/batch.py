@@ -212,10 +212,8 @@ class Batch:
         found = self._fields.bind(name)
         context, places = self._worlds.context, self._worlds.places
         context[places.forces] |= name in _FORCES
-        context[places.outputs], context[places.output_count] = (
-            self._fields.outputs.ctypes.data,
-            len(self._fields.outputs),
-        )
+        context[places.outputs] = self._fields.outputs.ctypes.data
+        context[places.output_count] = len(self._fields.outputs)
         return found
 
     def expand(self, name: str) -> np.ndarray:

@@ -156,11 +156,8 @@ class CompiledStepping(OneWorld):
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the memory, too, so that a copy continues from it."""
-        known = memory.raw(self.numbers)
-        return {"scheme": self._scheme, "warn": self._warn, "sums": bool(self._sums)} | {
-            "numbers": self.numbers.copy(),
-            "known": known,
-        }
+        given = {"scheme": self._scheme, "warn": self._warn, "sums": bool(self._sums)}
+        return given | {"numbers": self.numbers.copy(), "known": memory.raw(self.numbers)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Continue from the memory of the original."""

@@ -18,10 +18,8 @@ _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 _ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 _CONTACT = int(mujoco.mjtSensor.mjSENS_CONTACT)
 _POS, _VEL, _ACC = int(mujoco.mjtStage.mjSTAGE_POS), int(mujoco.mjtStage.mjSTAGE_VEL), int(mujoco.mjtStage.mjSTAGE_ACC)
-_JOINT_LIMIT, _TENDON_LIMIT = (
-    int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT),
-    int(mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON),
-)
+_JOINT_LIMIT = int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT)
+_TENDON_LIMIT = int(mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON)
 
 
 @plain

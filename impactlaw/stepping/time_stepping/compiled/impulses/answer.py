@@ -105,10 +105,8 @@ def solve(w, rows, metric, known, rounds, law, answer, scaled):
         answer.sliding[r] = -sliding * rows.rates[1, r] if sliding != 0.0 else 0.0
     if not collided:
         write_sliding(rows.groups, rows.rates, RESOLVED, answer.sliding)
-    aims, project = (
-        Aims(answer.target, answer.sliding, answer.collides),
-        scaled and setting(w, SETTING.dissipative) > 0.0,
-    )
+    aims = Aims(answer.target, answer.sliding, answer.collides)
+    project = scaled and setting(w, SETTING.dissipative) > 0.0
     method = Method(tree, setting(w, SETTING.exact) != 0.0, rounds, floats(w.work, 1))
     opens, missed, fastest, share, created, work, rounding, residual = resolve(
         rows, aims, answer.bound, known[:4], w.timestep, project, _APART, method, metric,
