@@ -54,17 +54,14 @@ class CollisionRecord:
     share: float
     dissipative: bool  # whether restitution is scaled in each island so that it creates no energy there
 
-    def resolved(self) -> tuple[ImpactEvent, ...]:
-        """Return the collision as an event."""
-        return self._events
-
     @cached_property
-    def _events(self) -> tuple[ImpactEvent, ...]:
+    def event(self) -> ImpactEvent:
+        """The collision as an event."""
         groups = in_order(self.seen.rows, self.seen.reached(self.collides, self.pushed))
         contacts = self.seen.contacts(groups)
         impact = self._resolve(groups, contacts.labels)
         projected = self.share < 1.0 or impact.target_contact_velocity is None
-        return (ImpactEvent(self.time, contacts, impact, self.qpos, projected=projected),)
+        return ImpactEvent(self.time, contacts, impact, self.qpos, projected=projected)
 
     def _resolve(self, groups: np.ndarray, labels: tuple[str, ...]) -> Impact:
         """Return the impact, without restitution if by itself it has no solution with it, or would create energy."""
@@ -121,6 +118,11 @@ class CollisionRecord:
         told = targets if solved and kept == 1.0 else None
         more = {"restitution_scale": kept * self.share, "exact": self.exact, "cones": problem}
         return FrictionImpact.of_cones(collision, answer.impulse, answer.jump, told, **more), solved
+
+
+def events_of(records: tuple[CollisionRecord, ...]) -> tuple[ImpactEvent, ...]:
+    """Return collisions as events."""
+    return tuple(record.event for record in records)
 
 
 def _find_impulses(problem: ConeProblem) -> ConeAnswer:

@@ -147,7 +147,7 @@ class InertialForces:
 
     def kick(self, velocity: np.ndarray, force: np.ndarray, metric: Inertia, h: float) -> np.ndarray:
         """Return the velocity after a force has acted for a time h, (nv,)."""
-        return velocity + h * self._accelerate(force, metric)
+        return velocity + h * solve_inertia(force, *metric)
 
     def created(self, data: mujoco.MjData, start: np.ndarray, h: float) -> float:
         """Return the kinetic energy that these forces create in a step from a velocity to that of data, J.
@@ -157,9 +157,6 @@ class InertialForces:
         after = data.qvel
         own = after @ self.at(data, after) + start @ data.qfrc_bias
         return 0.5 * h * float(own - (start + after) @ self.used)
-
-    def _accelerate(self, force: np.ndarray, metric: Inertia) -> np.ndarray:
-        return solve_inertia(force, *metric)
 
 
 def _is_uneven(model: mujoco.MjModel) -> bool:

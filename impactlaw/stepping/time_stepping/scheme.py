@@ -22,6 +22,7 @@ No step fails: if the law cannot be met, the step ends at the nearest point, and
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Literal
 
 import mujoco
@@ -40,7 +41,7 @@ from impactlaw.stepping.integration import check_input, empty_state, is_huge, re
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.time_stepping.contact_impulses import ContactProblem
 from impactlaw.stepping.time_stepping.end_correction import EndCorrection
-from impactlaw.stepping.time_stepping.events import StepImpulses
+from impactlaw.stepping.time_stepping.events import StepImpulses, events_of
 from impactlaw.stepping.time_stepping.free_motion import (
     detect_farther,
     frames_of,
@@ -228,9 +229,7 @@ class TimeStepping:
     def _events(self) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
         """Return a function that returns the collisions of the last step, or ()."""
         collisions = () if self._found is None else self._found.collisions
-        if len(collisions) <= 1:
-            return collisions[0].resolved if collisions else ()
-        return lambda: tuple(event for record in collisions for event in record.resolved())
+        return partial(events_of, collisions) if collisions else ()
 
     def _step(self, data: mujoco.MjData) -> None:
         model, h = self._model, self._model.opt.timestep
