@@ -15,6 +15,7 @@ from impactlaw.solvers.cones.algebra.loops import cleared, kernel, plain, put
 from impactlaw.solvers.cones.rows import trees_of
 from impactlaw.stepping.time_stepping.problem.energy import row_velocities
 from impactlaw.stepping.time_stepping.problem.rows import NEAR, Rows
+from impactlaw.stepping.time_stepping.problem.targets import joins
 
 
 @plain
@@ -145,20 +146,10 @@ def reached_by(rows, tree, later):
         tree: tree of each degree of freedom, (nv,).
         later: contacts that are hit in the next phase, bool (g,).
     """
-    sparse, groups = rows.sparse, rows.groups
     mark, reached, more = cleared(trees_of(tree)), np.zeros(len(later), np.bool_), True
     while more:
         more = False
         for g in range(len(later)):
-            if reached[g] or groups[2, g] == BOX:
-                continue
-            begin = sparse[1, groups[0, g]]
-            end = begin + sparse[0, groups[0, g]]
-            near = later[g]
-            for a in range(begin, end):
-                near = near or mark[tree[rows.colind[a]]]
-            if near:
+            if not reached[g] and rows.groups[2, g] != BOX and joins(rows, tree, g, mark, later[g]):
                 reached[g] = more = True
-                for a in range(begin, end):
-                    mark[tree[rows.colind[a]]] = True
     return reached

@@ -132,9 +132,21 @@ def write_offsets(groups, rates, target, sliding, b):
 
 
 @plain
+def joins(rows, tree, g, mark, near):
+    """Return whether a group is near, or shares a marked tree; if so, mark its trees, too."""
+    begin = rows.sparse[1, rows.groups[0, g]]
+    end = begin + rows.sparse[0, rows.groups[0, g]]
+    for a in range(begin, end):
+        near = near or mark[tree[rows.colind[a]]]
+    for a in range(begin, end if near else begin):
+        mark[tree[rows.colind[a]]] = True
+    return near
+
+
+@plain
 def reach(rows, tree, collides, pushed, mark, reached):
     """Write the result of `reached_groups` to an array of False, (g,); ``mark`` is False for each tree."""
-    sparse, colind, groups, rates, fastest = rows.sparse, rows.colind, rows.groups, rows.rates, 0.0
+    groups, rates, fastest = rows.groups, rows.rates, 0.0
     for g in range(len(collides)):
         fastest = max(fastest, abs(rates[1, groups[0, g]]))
     more = True
@@ -144,16 +156,8 @@ def reach(rows, tree, collides, pushed, mark, reached):
             row = groups[0, g]
             touches = groups[2, g] == CONE and rows.amounts[0, g] <= NEAR
             touches = touches and (pushed[g] or rates[1, row] <= _RESTING * fastest)
-            if reached[g] or not (collides[g] or touches):
-                continue
-            begin, end = sparse[1, row], sparse[1, row] + sparse[0, row]
-            near = collides[g]
-            for a in range(begin, end):
-                near = near or mark[tree[colind[a]]]
-            if near:
+            if not reached[g] and (collides[g] or touches) and joins(rows, tree, g, mark, collides[g]):
                 reached[g] = more = True
-                for a in range(begin, end):
-                    mark[tree[colind[a]]] = True
 
 
 @compiled()
