@@ -12,7 +12,7 @@ from impactlaw.stepping.compiled.whitening import Inertia
 from impactlaw.stepping.time_stepping.problem.overlaps import open_overlaps
 from impactlaw.stepping.time_stepping.problem.reader import RowReader, read_rows
 from impactlaw.stepping.time_stepping.problem.rows import Rows
-from impactlaw.stepping.time_stepping.standing_cylinders import find_standing
+from impactlaw.stepping.time_stepping.standing_cylinders import CYLINDER, PLANE, find_standing
 from impactlaw.stepping.time_stepping.temporary_options import TemporaryOptions
 
 _SEEN = 3e-6
@@ -26,9 +26,8 @@ BEYOND = 4.0
 """Range, as a multiple of the depth, within which opening some contacts can close others."""
 _EDGES = tuple(int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("HFIELD", "CYLINDER", "BOX", "MESH"))
 """Shapes with edges."""
-_PLANE, _SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX = (
-    int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}"))
-    for name in ("PLANE", "SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX")
+_SPHERE, _CAPSULE, _ELLIPSOID, _BOX = (
+    int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("SPHERE", "CAPSULE", "ELLIPSOID", "BOX")
 )
 LAST_LOSS = int(mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON)
 
@@ -65,7 +64,7 @@ def _arm(shapes, sizes):
     """
     if shapes[0] in _EDGES and shapes[1] in _EDGES:
         return min(sizes)
-    if shapes == (_PLANE, _CYLINDER) or shapes == (_CYLINDER, _PLANE):  # the contact runs round the rim
+    if shapes == (PLANE, CYLINDER) or shapes == (CYLINDER, PLANE):  # the contact runs round the rim
         return max(sizes)
     return -1.0
 
@@ -91,7 +90,7 @@ def _support(kind, size, normal):
         return size[0] + size[1] * z
     if kind == _ELLIPSOID:
         return np.sqrt((size[0] * x) ** 2 + (size[1] * y) ** 2 + (size[2] * z) ** 2)
-    if kind == _CYLINDER:
+    if kind == CYLINDER:
         return size[0] * np.sqrt(x * x + y * y) + size[1] * z
     if kind == _BOX:
         return size[0] * x + size[1] * y + size[2] * z
@@ -101,9 +100,9 @@ def _support(kind, size, normal):
 @plain
 def _is_clear(one, other, shape, extent, place, turn):
     """Return whether one of two geoms is a plane, and the other one does not overlap it by more than `SLOP`."""
-    if shape[one] != _PLANE:
+    if shape[one] != PLANE:
         one, other = other, one
-    if shape[one] != _PLANE:
+    if shape[one] != PLANE:
         return False
     gap, normal = 0.0, (0.0, 0.0, 0.0)
     for k in range(3):

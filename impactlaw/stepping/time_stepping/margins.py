@@ -125,17 +125,8 @@ def outruns(
 
     It must do so relative to the world, and also in the frame of the leader, in which the world moves, too.
 
-    Args:
-        body_margin: margins of bodies with which contacts were looked for, m, (nbody,).
-        geom_margin: margins of geoms, which are smaller if another geom of the body has a gap, m, (ngeom,).
-        body_of_geom: see `write_margins`.
-        root: see `write_margins`.
-        tree: see `write_margins`.
-        size: see `write_margins`.
-        center: see `write_margins`.
-        subtree: see `write_margins`.
-        velocity: MuJoCo's cvel for the velocity after contact, (nbody, 6).
-        timestep: h, s.
+    The margins are those with which contacts were looked for; margins of geoms are smaller if another geom of the body
+    has a gap. ``velocity`` is MuJoCo's cvel for the velocity after contact. For all arguments see `write_margins`.
     """
     leader, margins = _leader(tree), (body_margin, geom_margin, body_of_geom)
     far = _is_far(margins, root, tree, size, center, subtree, velocity, timestep, 0)

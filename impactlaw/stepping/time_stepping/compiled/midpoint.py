@@ -151,7 +151,7 @@ def outrun(w):
 
 @plain
 def detect_farther(w, start, free, middle, margins, work):
-    """Do the same as `free_motion.look_farther`; ``work`` is scratch space for 6 nbody numbers and the margins."""
+    """Do the same as `free_motion.detect_farther`; ``work`` is scratch space for 6 nbody numbers and the margins."""
     nbody, qvel = size(w, MODEL.nbody), velocity_of(w)
     before = work[6 * nbody : 6 * nbody + len(margins)]
     put(before, margins)

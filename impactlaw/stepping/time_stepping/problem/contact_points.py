@@ -89,13 +89,7 @@ def _height(dist, pos, frame, k, near):
 def put_on_planes(dist, pos, frame, geom, body_of_geom, weld):
     """Move contact points of two bodies into the plane of the point with the smallest gap; return whether any moves.
 
-    Args:
-        dist: gaps, m, (ncon,).
-        pos: contact points, m, (ncon, 3); written.
-        frame: frames with normals first, at least (ncon, 3).
-        geom: geoms of contacts, (ncon, 2).
-        body_of_geom: body of each geom, (ngeom,).
-        weld: MuJoCo's body_weldid, (nbody,).
+    For the arguments see `put_on_bodies`.
     """
     begin, end, moved = 0, 0, False
     for k in range(len(dist)):
