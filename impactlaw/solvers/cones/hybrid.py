@@ -3,7 +3,8 @@
 If friction is not unique, Newton's method may cycle. With the other map (of exact friction) it often converges soon
 from the best point found, or from the result of an interior point method that is started at the best point, at the
 guess or at zero impulse. In piles of bodies the interior point method comes first; if a pile has hundreds of coupled
-rows, no further method is tried.
+rows, no further method is tried. In a large island of a convex problem Newton's method is followed by augmented
+Lagrangians only, which come near the solution from any point.
 
 The rounds alternate between the alternating direction method and convex problems with an accelerated correction. Each
 of the two continues from its own last point, and is followed by Newton's method with another map, step and
@@ -15,7 +16,7 @@ import numpy as np
 
 from impactlaw.solvers.cones.admm import admm, largest_eigenvalue
 from impactlaw.solvers.cones.algebra.blocks import flops
-from impactlaw.solvers.cones.algebra.loops import FIRST, Array, copied, numbers, once, plain, put
+from impactlaw.solvers.cones.algebra.loops import FIRST, Array, copied, kernel, numbers, once, plain, put
 from impactlaw.solvers.cones.algebra.ordering import Blocks
 from impactlaw.solvers.cones.algebra.projection import norm_of
 from impactlaw.solvers.cones.algebra.structure import BOX, CONE, Island, delassus
@@ -23,7 +24,6 @@ from impactlaw.solvers.cones.budget import LARGE, affordable, spend
 from impactlaw.solvers.cones.convex import corrected, out_of_reach
 from impactlaw.solvers.cones.interior import interior
 from impactlaw.solvers.cones.islands import compressed
-from impactlaw.solvers.cones.large import solve_large
 from impactlaw.solvers.cones.newton import ALART_CURNIER, CONVEX, DE_SAXCE, newton
 
 _FIRST_STEPS = np.array([4, 30, 12, 30])  # Newton steps with two maps from the guess, and from zero impulse
@@ -39,7 +39,7 @@ _EASES = np.array([0.0, 0.0, 0.0, 0.0, 1e2, 1.0])  # regularization per relative
 _HOPEFUL = 1e-2  # relative natural map up to which a solution is likely to exist
 _AFTER, _LONG = np.int64(25), np.int64(75)  # Newton steps after each round, in an island of one block and of many
 _PATIENCE, _ENDLESS = np.int64(8), np.int64(1000)  # patience of Newton's method
-_PROXIMAL = np.int64(8)  # proximal steps of a convex problem
+_ONE, _PROXIMAL = np.int64(1), np.int64(8)  # one convex problem, and proximal steps of each
 _BRIEF, _HASTE = np.int64(10), np.int64(4)  # Newton steps after each round and patience in large islands
 _KINDS = np.array([DE_SAXCE, DE_SAXCE, ALART_CURNIER, DE_SAXCE, ALART_CURNIER, DE_SAXCE, DE_SAXCE, ALART_CURNIER])
 _FACTORS = np.array([1.0, 1.0, 1.0, 1.0, 0.1, 0.1, 0.3, 1.0])  # factor of R
@@ -91,6 +91,26 @@ def _solve_pile(P: Island, K: Blocks, x: Array, scale: float, tolerance: float) 
     return total, least
 
 
+@kernel
+def _solve_large(P: Island, K: Blocks, x: Array, tolerance: float, most: int) -> tuple[int, float]:
+    """Solve a large island of a convex problem, without friction or with de Saxcé's correction held.
+
+    Overwrite the guess x by the best point found; return steps taken and its natural map. `tolerance` is the natural
+    map at which to stop. No proximal step begins after `most` Newton steps.
+    """
+    dense, one, none = numbers(0), 1.0, 0.0
+    total, least = newton(P, K, dense, x, tolerance, _BRIEF, CONVEX, one, _REDUCED, none, _HASTE)
+    if least <= _NEAR * tolerance or most <= total:
+        return total, least
+    point = copied(x)
+    total += corrected(P, K, point, _NEAR * tolerance, _ONE, _PROXIMAL, most - total)
+    taken, r = newton(P, K, dense, point, tolerance, _BRIEF, CONVEX, one, _REDUCED, none, _HASTE)
+    if r < least:
+        least = r
+        put(x, point)
+    return total + taken, least
+
+
 @plain
 def _solve_one_contact(P: Island, x: Array) -> tuple[int, float]:
     """Solve one contact without friction, in place of `solve_island`: its velocity and its energy are exact."""
@@ -115,7 +135,7 @@ def solve_island(
         return _solve_one_contact(P, x)
     large, total, least = n >= LARGE and len(K.width) > 1, 0, np.inf
     if large and not P.exact:
-        total, least = solve_large(P, K, x, tolerance, affordable(left, cost, n))
+        total, least = _solve_large(P, K, x, tolerance, affordable(left, cost, n))
         spend(left, (total + _SET_UP) * cost, cost, n)
         return total, least
     if _is_pile(P, K):
