@@ -21,7 +21,18 @@ from impactlaw.stepping.compiled.access import (
     size,
     velocity_of,
 )
-from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, flags, floats, int_at, ints, put_int, table_floats
+from impactlaw.stepping.compiled.fields import (
+    CONTACT,
+    DATA,
+    MODEL,
+    address_of,
+    flags,
+    floats,
+    int_at,
+    ints,
+    put_int,
+    table_floats,
+)
 from impactlaw.stepping.time_stepping.compiled.end_of_step import update_frames
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import settle
 from impactlaw.stepping.time_stepping.compiled.limits import hide_far_limits, narrow_limits
