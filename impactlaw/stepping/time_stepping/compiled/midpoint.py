@@ -243,10 +243,11 @@ def _find_contacts(w, margins):
 def _find(w):
     """Compute everything that depends on positions; rows of constraints are made after contacts have been mended.
 
-    Flexes keep results in the memory that a second detection frees: there, rows are made twice.
+    Flexes keep results in the memory that a second detection frees, and the transmission of adhesion reads rows: there,
+    rows are made twice.
     """
-    at, twice = w.model + offset(w, MODEL.opt_disableflags), size(w, MODEL.nflex) > 0
-    flags = int_at(at)
+    at = w.model + offset(w, MODEL.opt_disableflags)
+    flags, twice = int_at(at), size(w, MODEL.nflex) > 0 or setting(w, SETTING.sticks) != 0.0
     if not twice:
         put_int(at, np.int32(flags | _CONSTRAINT))
     mj.fwd_position(w.model, w.data)
