@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import singledispatch
 from typing import Literal, NamedTuple
 
 import mujoco
@@ -245,15 +244,11 @@ def is_kept(impact: Impact) -> bool:
     return not scaled and impact.violations.is_admissible()
 
 
-@singledispatch
 def as_closed(law: Law) -> Law:
     """Return the law that treats opening contacts as still; a law with its own rule for impulses stays as it is."""
+    if isinstance(law, Coulomb):
+        return replace(law, law=as_closed(law.law))
     return _AsClosed(law) if law.has_target else law
-
-
-@as_closed.register
-def _(law: Coulomb) -> Law:
-    return replace(law, law=as_closed(law.law))
 
 
 def _violations_if_open(impact: Impact) -> Violations:

@@ -51,6 +51,7 @@ class Collisions:
     """Resolves the contacts and limits that MuJoCo's solver acts on and that close faster than `rest_speed`.
 
     Attributes:
+        model: the scene.
         collider: computes the velocity after collisions.
         rest_speed: closing speed above which a contact collides, m/s or rad/s.
         friction: whether contacts have friction in collisions.
@@ -68,7 +69,7 @@ class Collisions:
     def __init__(
         self, model: mujoco.MjModel, collider: Collider, plan: Plan, *, rest_speed: float, chosen: Chosen | None
     ):
-        self._model = model
+        self.model = model
         self.collider, self.rest_speed, self.friction, self.chosen = collider, rest_speed, plan.friction, chosen
         self.surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces else None
         self.names, self.limits, self.bilateral = geom_names(model), Limits(model), bilateral_constraints(model)
@@ -84,7 +85,7 @@ class Collisions:
         rows, speed, surfaces = data.efc_vel, self.rest_speed, self.surfaces
         still = surfaces is None or surfaces.still
         if still and (
-            not len(rows) or not rows.item(rows.argmin()) < -speed or not closes(self._model, data, rows, speed)
+            not len(rows) or not rows.item(rows.argmin()) < -speed or not closes(self.model, data, rows, speed)
         ):
             return NOTHING
         if is_huge(data):  # MuJoCo's next check reports it
@@ -92,14 +93,11 @@ class Collisions:
         if still and self._is_too_much(data):
             self.short_steps += 1
             return NOTHING
-        contacts, jacobian = self.active(data)
-        friction = self._friction_of(data, contacts) if self.friction and data.ncon else None
-        drift = None if surfaces is None else surfaces.drift(data, contacts)
-        gamma = jacobian.dot(data.qvel) if drift is None else jacobian.dot(data.qvel) + drift
+        closed = self.closed(data)
+        gamma = closed.contact_velocity(data.qvel)
         if not np.count_nonzero(gamma < -speed):  # contacts of flexes may close
             return NOTHING
-        closed = Closed(contacts, jacobian, None, drift, friction=friction)
-        constraints = Constraints(self._model, data) if data.ne and self.bilateral.any() else None
+        constraints = Constraints(self.model, data) if data.ne and self.bilateral.any() else None
         found = self._resolved(data, closed, gamma, constraints)
         while constraints is not None and (driven := constraints.drive(found.events)).any():
             constraints.give_way(driven)
@@ -114,7 +112,7 @@ class Collisions:
         if np.array_equal(found.velocity, data.qvel):
             return events, VELOCITY
         before, data.qvel[:] = data.qvel.copy(), found.velocity
-        put_back(self._model, data, before, self._normals(data), self.rest_speed)
+        put_back(self.model, data, before, self._normals(data), self.rest_speed)
         return events, POSITION
 
     def _resolved(
@@ -159,10 +157,10 @@ class Collisions:
 
     def hold_back(self, data: mujoco.MjData) -> bool:
         """Keep contacts that the law is for from bouncing by themselves; return whether any of them would have."""
-        return hold_back(self._model, data, self._normals(data), self.rest_speed)
+        return hold_back(self.model, data, self._normals(data), self.rest_speed)
 
     def _normals(self, data: mujoco.MjData) -> Normals:
-        return normals(self._model, data, self.names, self.limits, self.chosen, self.surfaces)
+        return normals(self.model, data, self.names, self.limits, self.chosen, self.surfaces)
 
     def _constrained(
         self, data: mujoco.MjData, closed: Closed, gamma: np.ndarray, kept: Constraints
@@ -171,13 +169,13 @@ class Collisions:
 
         Contacts that equality constraints tie do not take part, nor do limits that only their drift closes.
         """
-        model = self._model
+        model = self.model
         free = np.flatnonzero(~kept.tie(closed.contacts))
         closed, gamma = closed.select(free), gamma[free]
         constraints = bilateral_rows(model, data, self.bilateral, calm=kept.calm(closed.jacobian, gamma))
         if constraints is not None:
             limits = closed.contacts.geoms[:, 0] < 0
-            given = drifting(self._metric(data), closed.jacobian, constraints, data.qvel)
+            given = drifting(self.metric(data), closed.jacobian, constraints, data.qvel)
             acting = np.flatnonzero(~(limits & given))
             closed, gamma = closed.select(acting), gamma[acting]
         return closed._replace(bilateral=constraints), gamma
@@ -189,7 +187,7 @@ class Collisions:
         h = len(closed.contacts)
         self._work.begin()
         return collider.collide(
-            self._metric(data),
+            self.metric(data),
             closed,
             data.qvel.copy(),
             approach=np.full(h, self.rest_speed),
@@ -201,10 +199,10 @@ class Collisions:
             work=self._work if isinstance(collider.law, Coulomb) else None,
         )
 
-    def _metric(self, data: mujoco.MjData) -> KineticMetric:
+    def metric(self, data: mujoco.MjData) -> KineticMetric:
         """Return the kinetic metric; joints that damping all but locks have the integrator's inertia ``M + h D``."""
-        metric, added = kinetic_metric(self._model, data), joint_inertia(self._model)
-        locked = locked_joints(self._model, added, LOCKED)
+        metric, added = kinetic_metric(self.model, data), joint_inertia(self.model)
+        locked = locked_joints(self.model, added, LOCKED)
         if added is None or locked is None:
             return metric
         return KineticMetric(metric.mass_matrix + np.diag(np.where(locked, added, 0.0)))
@@ -227,14 +225,21 @@ class Collisions:
         except _UNSOLVED:
             return None
 
+    def closed(self, data: mujoco.MjData) -> Closed:
+        """Return the contacts and limits that MuJoCo's solver acts on now, as closed contacts without constraints."""
+        contacts, jacobian = self.active(data)
+        friction = self._friction_of(data, contacts) if self.friction and data.ncon else None
+        drift = None if self.surfaces is None else self.surfaces.drift(data, contacts)
+        return Closed(contacts, jacobian, None, drift, friction=friction)
+
     def active(self, data: mujoco.MjData) -> tuple[Contacts, np.ndarray]:
         """Return the contacts and limits that MuJoCo's solver acts on now, and their gradients, (h, nv)."""
         rows = self.limits.read(data) if data.nl else None
         limits = None if rows is None else self.limits.contacts(data, rows)
         if rows is not None and limits is not None and data.ncon == 0:
             return limits, rows.jacobian
-        contacts = active_contacts(self._model, data, self.names)
-        jacobian = gap_gradients(self._model, data, contacts)
+        contacts = active_contacts(self.model, data, self.names)
+        jacobian = gap_gradients(self.model, data, contacts)
         if rows is None or limits is None:
             return contacts, jacobian
         return joined(contacts, limits), np.vstack([jacobian, rows.jacobian])
@@ -242,7 +247,7 @@ class Collisions:
     def _friction_of(self, data: mujoco.MjData, contacts: Contacts) -> Friction | None:
         between = contacts.geoms[:, 0] >= 0
         surfaces = self.surfaces
-        found = active_friction(self._model, data, contacts.select(between), surfaces)
+        found = active_friction(self.model, data, contacts.select(between), surfaces)
         return None if found is None else Friction(*found)
 
 

@@ -50,6 +50,7 @@ from impactlaw.stepping.soft.compiled.contacts.active_contacts import (
 from impactlaw.stepping.soft.compiled.contacts.drifting_limits import leave_drifting_out
 from impactlaw.stepping.soft.compiled.contacts.equalities import projected, span
 from impactlaw.stepping.soft.compiled.contacts.kinds import FOUND, LAW, WORLD, typeof
+from impactlaw.stepping.soft.compiled.contacts.outcomes import write_outcome
 from impactlaw.stepping.soft.compiled.contacts.rows import everyone, reached_by, read
 from impactlaw.stepping.soft.compiled.contacts.work import work_of_each
 from impactlaw.stepping.soft.compiled.restitution_scaling import ENOUGH, CollisionProblem, find_impulses
@@ -143,19 +144,6 @@ def _some_driven(w, v, z, islands):
     return some
 
 
-@plain
-def _tell(outcomes, velocity, share, trembles):
-    """Write an outcome into `world.Law.outcomes`, if there is room."""
-    n = len(velocity)
-    if len(outcomes) > 0:
-        at = 1 + np.int64(outcomes[0]) * (n + 2)
-        if at + n + 2 <= len(outcomes):
-            for i in range(n):
-                outcomes[at + i] = velocity[i]
-            outcomes[at + n], outcomes[at + n + 1] = share, trembles
-        outcomes[0] += 1.0
-
-
 @linked(
     types.int64(
         WORLD, LAW, FOUND, FLOATS, FLOATS, _ISLANDS, types.float64, types.float64, types.boolean, FLOATS, FLOATS
@@ -216,9 +204,10 @@ def _resolve(w, law, found, gamma, calm, islands, rounding, opening, last, veloc
     if share == 0.0:
         sums[SHORT] = 1.0
     unwhitened(z, inertia, root, v)
+    if len(law.outcomes) > 0:
+        write_outcome(w, law, found, rows, members, problem, share, calm, x, velocity, v)
     for i in range(w.nv):
         velocity[i] += v[i]
-    _tell(law.outcomes, velocity, share, trembles)
     return FINE
 
 

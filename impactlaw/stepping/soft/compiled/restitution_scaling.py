@@ -58,7 +58,7 @@ class CollisionProblem(NamedTuple):
         exact: whether friction is exact Coulomb friction, or else its convex relaxation.
         before: velocities of all rows before the collision, (n,).
         restored: e times these velocities where restitution acts, else 0, (n,); a share s of restitution asks for the
-            jump ``-(before + s restored)``.
+            jump ``-(before + s restored)``. `find_impulses` multiplies it by the share that it has found.
         velocity: whitened velocity before the collision, (nv,).
         speed: its length.
     """
@@ -231,6 +231,9 @@ def _in_groups(w, rows, members, problem, solved, done, z, x):
         worst, share = max(worst, residual), min(share, s)
         for i in range(n):
             x[i] += own[i]
+        for other in group:
+            for i in range(rows.first[other], rows.first[other] + rows.sizes[other]):
+                problem.restored[i] *= s
     return worst, share
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Any
 
 import mujoco
@@ -12,17 +11,19 @@ from impactlaw.errors import DivergenceError
 from impactlaw.laws import Law
 from impactlaw.scene.equality_constraints import constraint_kinds
 from impactlaw.stepping.compiled.one_world import OneWorld
-from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums, LazyEvents, together
+from impactlaw.stepping.impact_event import ImpactEvent, LazyEvents, together
 from impactlaw.stepping.integration import empty_state, restore_state
 from impactlaw.stepping.soft.compiled import world
 from impactlaw.stepping.soft.compiled.collide import LAST, SHORT, SUMS
+from impactlaw.stepping.soft.compiled.contacts.outcomes import Outcome, outcomes_in
 from impactlaw.stepping.soft.compiled.entry import CONTEXT, TOTAL, entry
 from impactlaw.stepping.soft.compiled.law import coefficients, reason, settings
-from impactlaw.stepping.soft.compiled.repeated_steps import RepeatedStep, StepRepeater, sums_in
+from impactlaw.stepping.soft.compiled.repeated_steps import RepeatedStep, StepRepeater
 from impactlaw.stepping.soft.compiled.world import SETTING
 from impactlaw.stepping.soft.scheme import SoftStepping
 
 _DATA, _STEPS, _TAKEN, _STATUS = CONTEXT.data, CONTEXT.steps, CONTEXT.taken, CONTEXT.status
+_ROOM = 1_000_000  # numbers that tell the collisions of almost any step
 
 
 class CompiledSoftStepping(OneWorld):
@@ -136,28 +137,18 @@ class CompiledSoftStepping(OneWorld):
             if events:
                 parts.append(events)
 
-    @cached_property
-    def _again(self) -> mujoco.MjData:
-        """The data in which steps are repeated."""
-        return mujoco.MjData(self._model)
-
-    def outcomes(self, row: np.ndarray) -> np.ndarray:
-        """Repeat a step from the state and sums in a row, and return the outcomes of its collisions, (k, nv + 2).
-
-        See `world.Law.outcomes`.
-        """
-        size, most = self._model.nv + 2, int(row[-SUMS]) + self._scheme.collisions.collider.most
-        found, data = np.zeros(1 + most * size), self._again
-        mujoco.mj_resetData(self._model, data)
-        restore_state(self._model, data, row[:-SUMS])
-        self._context[CONTEXT.outcomes], self._context[CONTEXT.outcome_count] = found.ctypes.data, len(found)
-        self.step(data)
+    def repeat(self, row: np.ndarray, data: mujoco.MjData) -> tuple[LazyEvents, list[Outcome]]:
+        """Repeat a step from the state and sums in a row; return what `step` does, and what compiled code has found."""
+        told, found, count = (), np.zeros(0), _ROOM
+        while len(found) < count:
+            found = np.zeros(count)
+            mujoco.mj_resetData(self._model, data)  # results do not depend on steps that were repeated before
+            restore_state(self._model, data, row[:-SUMS])
+            self._context[CONTEXT.outcomes], self._context[CONTEXT.outcome_count] = found.ctypes.data, count
+            told = self.step(data)
+            count = 1 + int(found[0])
         self._context[CONTEXT.outcome_count] = 0
-        return found[1:].reshape(most, size)[: int(found[0])]
-
-    def sums(self) -> ImpactSums:
-        """Return the sums over the collisions of the last call of compiled code."""
-        return sums_in(self._total)
+        return told, outcomes_in(self._model, found[1:count])
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the arguments of `__init__`: a copy begins anew with the same scheme."""

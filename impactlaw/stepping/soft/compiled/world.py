@@ -56,8 +56,8 @@ class Law(NamedTuple):
         key: keys of contacts and limits, see `law_table.Coefficients`, ascending, int64 (k,).
         value: e for each key, (k,).
         asked: key of a contact that is not in `key`, int64 (1,), written.
-        outcomes: number of collisions, then for each the velocity after it, the share of restitution that it kept, and
-            whether contacts that open slowly took part, (1 + k (nv + 2),), written; (0,) if not wanted.
+        outcomes: how many numbers tell the collisions, also if there is no room for them, then these numbers, see
+            `outcomes.Outcome`, (1 + k,), written; (0,) if not wanted.
         bilateral: kinds of equality constraints, 0 for those that do not keep their velocity in collisions, uint8
             (neq,); (0,) if no equality constraint keeps it.
     """

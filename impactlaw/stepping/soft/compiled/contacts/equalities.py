@@ -41,7 +41,8 @@ def whitened_row(jacobian, row, inertia, root, out):
 
 
 @plain
-def _is_kept(w, bilateral, calm, jacobian, r):
+def is_kept(w, bilateral, calm, jacobian, r):
+    """Return whether a constraint row keeps its velocity, see `span`."""
     n, (nnz, adr, col, val) = number(w, DATA.nefc), jacobian
     source, speeds = data_ints(w, DATA.efc_id, n), data_floats(w, DATA.efc_vel, n)
     if bilateral[source[r]] == 0:
@@ -61,7 +62,7 @@ def _rank(w, bilateral, calm, jacobian, part):
     write_lengths(w, weight)
     parts_of_longest(source, bilateral, jacobian, weight, part)
     for r in range(len(part)):
-        if _is_kept(w, bilateral, calm, jacobian, r):
+        if is_kept(w, bilateral, calm, jacobian, r):
             given = max(given, abs(gaps[r]))
         else:
             part[r] = 0.0
