@@ -40,11 +40,12 @@ def missed(impact):
     return np.linalg.norm(impact.whitened_jump - made(impact)) / impact.collision.pre_speed
 
 
+@pytest.mark.parametrize("cone", ["exact", "convex"])
 @pytest.mark.parametrize("condim", [1, 3, 4, 6])
 @pytest.mark.parametrize("option", ['cone="pyramidal"', 'cone="elliptic" integrator="RK4" jacobian="sparse"'])
-def test_they_are_those_of_python(condim, option):
+def test_they_are_those_of_python(condim, option, cone):
     model, data = compiled(BODIES, option=option, geom=f'condim="{condim}" friction=".8 .02 .01"')
-    law = Coulomb(Moreau(0.5), tangential_restitution=0.3)
+    law = Coulomb(Moreau(0.5), cone=cone, tangential_restitution=0.3)
     ours = Stepper(model, law, contact_model="soft", compiled="auto")
     python, other, told = Stepper(model, law, contact_model="soft", compiled="never"), mujoco.MjData(model), 0
     for _ in range(500):
@@ -57,6 +58,7 @@ def test_they_are_those_of_python(condim, option):
             np.testing.assert_allclose(event.qpos, known.qpos, atol=1e-12)
             one, another = event.impact, known.impact
             assert type(one) is type(another)
+            assert getattr(one, "exact", None) == getattr(another, "exact", None)
             for name, accuracy in COMPARED.items():
                 if hasattr(another, name):
                     size = np.abs(another.impulse).max() if "impulse" in name else 1.0
