@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
+import impactlaw
 from impactlaw.comparison import Comparison
 from impactlaw.errors import ImpactLawError, RecordingError, SceneError, StudyError, needs_matplotlib
 from impactlaw.signals import ended_by_signals
@@ -233,10 +234,13 @@ def main() -> None:
     command: Any = None
     try:
         with ended_by_signals():
+            if sys.argv[1:] == ["--version"]:
+                print(f"impactlaw {impactlaw.__version__}")
+                return
             command = tyro.cli(
                 Command,  # pyright: ignore[reportArgumentType]
                 prog="impactlaw",
-                description="Exact, chosen multi-contact impact laws for MuJoCo scenes.",
+                description="Exact, chosen multi-contact impact laws for MuJoCo scenes. --version prints the version.",
                 config=(tyro.conf.OmitSubcommandPrefixes,),
             )
             sys.path.append(os.fspath(Path.cwd()))  # where laws and policies of the user's own may be
@@ -253,7 +257,3 @@ def main() -> None:
             print(f"impactlaw: cannot write the output: {error.strerror}", file=sys.stderr)
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python's flush at exit reports an error
         sys.exit(1)
-
-
-if __name__ == "__main__":
-    main()
