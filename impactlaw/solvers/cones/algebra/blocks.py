@@ -11,6 +11,7 @@ from impactlaw.solvers.cones.algebra.loops import (
     FIRST,
     Array,
     add_at,
+    add_products,
     add_three,
     dot,
     fill,
@@ -56,13 +57,14 @@ def _add_to_blocks(P: Island, K: Blocks, W: Array, H: Array, left: Array, runs: 
     fill(left, FIRST, m * width, 0.0)
     for k in range(m):
         _add_rows(left, k * width, P.A, a, width, W, P.square[g] + k * m, np.int64(1), m, width)
-    for i in range(width):
+    for s in range(count):
+        i = runs[s]
         q = K.first[g] + K.slot[begin + i] * K.many[g]
         for r in range(count):
             j = runs[r]
             t = q + K.slot[begin + j]
             base = K.place[t] + np.int64(K.inner[begin + i]) * K.pitch[t] + np.int64(K.inner[begin + j])
-            _add_rows(H, base, left, j, width, P.A, a + i, width, m, runs[r + 1] - j)
+            add_products(H, base, K.pitch[t], P.A, a + i, runs[s + 1] - i, left, j, runs[r + 1] - j, width, m)
 
 
 @plain

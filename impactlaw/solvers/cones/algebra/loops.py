@@ -147,6 +147,28 @@ def add_three(v: Array, to: int, w: Array, source: int, stride: int, a: float, b
 
 
 @sums
+def add_products(
+    v: Array, to: int, pitch: int, f: Array, first: int, rows: int, w: Array, source: int, columns: int, stride: int,
+    many: int,
+) -> None:  # fmt: skip
+    """Add the sum of ``f[first + k stride + i] w[source + k stride + j]``, k < many, to ``v[to + i pitch + j]``."""
+    step, wide = np.uint64(stride), np.uint64(columns)
+    for i in range(rows):
+        t, a, s, k = np.uint64(to + i * pitch), np.uint64(first + i), np.uint64(source), 0
+        while k + 3 <= many:
+            x, y, z = f[a], f[a + step], f[a + step + step]
+            two, three = s + step, s + step + step
+            for j in range(wide):
+                v[t + j] += x * w[s + j] + y * w[two + j] + z * w[three + j]
+            a, s, k = a + step + step + step, three + step, k + 3
+        while k < many:
+            x = f[a]
+            for j in range(wide):
+                v[t + j] += x * w[s + j]
+            a, s, k = a + step, s + step, k + 1
+
+
+@sums
 def dot(v: Array, at: int, w: Array, source: int, many: int) -> float:
     """Return the dot product of ``v[at:at + many]`` and ``w[source:source + many]``."""
     t, s, r = np.uint64(at), np.uint64(source), 0.0
