@@ -39,16 +39,28 @@ def _turning(velocity, body):
 
 
 @plain
+def _slides(velocity, body, up):
+    """Return how fast a body slides along its parent, m/s; 0 if it also turns relative to it."""
+    square = 0.0
+    for k in range(3):
+        if velocity[body, k] != velocity[up, k]:
+            return 0.0
+        square += (velocity[body, k + 3] - velocity[up, k + 3]) ** 2  # both at the same point
+    return np.sqrt(square)
+
+
+@plain
 def _acceleration(body, velocity, size, center, offset, parent):
     """Return a bound on the acceleration of points of a body at constant joint velocities, m/s^2.
 
-    It is ``w^2`` times the length of links.
+    It is ``w^2`` times the length of links, and ``2 w v`` for a link that slides along another one that turns.
     """
     turning = _turning(velocity, body)
     most = turning * size[body]
     while body > 0:
         up, below, length = parent[body], turning, 0.0
         turning = _turning(velocity, up)
+        most += 2.0 * np.sqrt(turning) * _slides(velocity, body, up)
         for k in range(3):
             length += (center[body, k] - center[up, k]) ** 2 if up > 0 else offset[body, k] ** 2
         most += max(turning, below) * np.sqrt(length)

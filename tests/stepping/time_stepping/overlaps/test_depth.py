@@ -74,6 +74,23 @@ def test_link_that_turns_carries_a_foot_that_does_not(compiled):
 
 
 @pytest.mark.parametrize("compiled", ["auto", "never"])
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_link_that_slides_out_of_one_that_turns_slowly_does_not_sink_in(direction, compiled):
+    """Its Coriolis acceleration is twice the product of the two velocities."""
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><option timestep=".004" gravity="0 0 0"/><worldbody><geom type="plane" size="5 5 1"/>
+        <body pos="0 0 .05"><joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/>
+          <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+          <body pos=".1 0 0"><joint type="slide" axis="1 0 0"/><geom size=".05" condim="1"/></body>
+        </body></worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    data.qvel[:] = 0.1 * direction, direction, 10.0 * direction
+    stepper = Stepper(model, Moreau(0.0), scheme="time-stepping", compiled=compiled)
+    assert _depths(model, data, stepper, np.zeros((10, 0))).max() <= _DEPTH
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
 def test_a_coin_that_wobbles_does_not_sink_in(compiled):
     """It touches the floor with a point of its rim, which moves around much faster than the coin turns."""
     model = mujoco.MjModel.from_xml_string(
