@@ -110,19 +110,19 @@ def _support(kind, size, normal):
 
 
 @plain
-def _is_clear(one, other, shape, extent, place, turn):
-    """Return whether one of two geoms is a plane, and the other one does not overlap it by more than `SLOP`."""
+def _plane_gap(one, other, shape, extent, place, turn):
+    """Return the gap between a plane and another geom, m; minus infinity if it is not known in closed form."""
     if shape[one] != PLANE:
         one, other = other, one
     if shape[one] != PLANE:
-        return False
+        return -np.inf
     gap, normal = 0.0, (0.0, 0.0, 0.0)
     for k in range(3):
         n = turn[one, 3 * k + 2]
         gap += n * (place[other, k] - place[one, k])
         x, y, z = turn[other, 3 * k], turn[other, 3 * k + 1], turn[other, 3 * k + 2]
         normal = (normal[0] + n * x, normal[1] + n * y, normal[2] + n * z)
-    return gap - _support(shape[other], extent[other], normal) >= -SLOP
+    return gap - _support(shape[other], extent[other], normal)
 
 
 @compiled(
@@ -137,7 +137,8 @@ def bend(
 
     A point with acceleration a at constant joint velocities leaves its straight line by ``a (h / 2)^2 / 2``. Between
     two shapes with edges a contact can also jump from one edge to another, as far as the bodies slide along each other.
-    On a plane it can run round the rim of a cylinder. Contacts with planes that are known not to overlap do not count.
+    On a plane it can run round the rim of a cylinder. Gaps to planes that are known in closed form need no bound; those
+    that are deep are opened over time.
 
     Args:
         groups: see `rows.Rows`, like the next two.
@@ -162,7 +163,8 @@ def bend(
         if source < 0:
             continue
         one, other = geoms[source, 0], geoms[source, 1]
-        if _is_clear(one, other, shape, extent, place, turned):
+        gap = _plane_gap(one, other, shape, extent, place, turned)
+        if gap >= -SLOP:
             continue
         turn, bodies = 0.0, (body_of_geom[one], body_of_geom[other])
         for body in bodies:
@@ -170,7 +172,11 @@ def bend(
         arm = _arm((shape[one], shape[other]), (size[bodies[0]], size[bodies[1]]))
         if arm >= 0.0:
             turn += 0.5 * timestep * _sliding(*bodies, velocity, arm, rates, groups[0, g], groups[1, g])
-        if turn > _SEEN and amounts[0, g] + timestep * min(rates[2, groups[0, g]], 0.0) < turn:
+        if gap > -_DEEP:
+            turn = max(turn, -gap)
+        elif amounts[0, g] + timestep * min(rates[2, groups[0, g]], 0.0) >= turn:
+            continue
+        if turn > _SEEN:
             most = max(most, turn)
     return most
 

@@ -78,7 +78,8 @@ def test_link_that_turns_carries_a_foot_that_does_not(compiled):
 def test_link_that_slides_out_of_one_that_turns_slowly_does_not_sink_in(direction, compiled):
     """Its Coriolis acceleration is twice the product of the two velocities."""
     model = mujoco.MjModel.from_xml_string(
-        """<mujoco><option timestep=".004" gravity="0 0 0"/><worldbody><geom type="plane" size="5 5 1"/>
+        """<mujoco><option timestep=".004" gravity="0 0 0"/><worldbody>
+        <geom type="box" size="5 5 1" pos="0 0 -1"/>
         <body pos="0 0 .05"><joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/>
           <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
           <body pos=".1 0 0"><joint type="slide" axis="1 0 0"/><geom size=".05" condim="1"/></body>
@@ -102,6 +103,40 @@ def test_a_coin_that_wobbles_does_not_sink_in(compiled):
     data.qvel[4] = 3.0
     stepper = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled)
     assert _depths(model, data, stepper, np.zeros((1000, 0)))[100:].max() <= _DEPTH
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+def test_foot_around_a_joint_far_below_it_does_not_sink_in(compiled):
+    """Its center of mass is that of its parent, but turns about a joint half a meter below."""
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><option timestep=".008" gravity="0 0 0"/><worldbody><geom type="plane" size="5 5 1"/>
+        <body pos="0 0 .05"><joint type="slide" axis="0 0 1"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+          <body pos="0 0 -.5"><joint axis="0 1 0"/><geom size=".05" condim="1" pos="0 0 .5"/></body>
+        </body></worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    data.qvel[1] = 2.0
+    stepper = Stepper(model, Moreau(0.0), scheme="time-stepping", compiled=compiled)
+    assert _depths(model, data, stepper, np.zeros((10, 0))).max() <= _DEPTH
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+def test_floor_that_turns_slowly_does_not_sink_into_a_box_far_from_its_axis(compiled):
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><option timestep=".008"/><worldbody>
+        <body mocap="true"><geom type="plane" size="5 5 1" friction="2"/></body>
+        <body pos="2 0 .05"><freejoint/><geom type="box" size=".1 .1 .05" friction="2"/></body></worldbody></mujoco>"""
+    )
+    data, seen = mujoco.MjData(model), mujoco.MjData(model)
+    stepper, depth = Stepper(model, Moreau(0.0), scheme="time-stepping", compiled=compiled), 0.0
+    for step in range(300):
+        angle = 0.15 * np.sin(0.02 * step)
+        data.mocap_quat[0] = np.cos(angle), 0.0, np.sin(angle), 0.0
+        stepper.step(data)
+        seen.qpos[:], seen.mocap_quat[:] = data.qpos, data.mocap_quat
+        mujoco.mj_fwdPosition(model, seen)
+        depth = max(depth, -seen.contact.dist.min(initial=0.0))
+    assert depth <= _DEPTH
 
 
 _SHAPES = {"sphere": ".1", "capsule": ".05 .1", "ellipsoid": ".05 .1 .15", "cylinder": ".1 .05", "box": ".05 .1 .15"}
