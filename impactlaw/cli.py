@@ -257,3 +257,7 @@ def main() -> None:
             print(f"impactlaw: cannot write the output: {error.strerror}", file=sys.stderr)
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python's flush at exit reports an error
         sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()

@@ -22,7 +22,7 @@ def run(command):
 
 
 def test_the_installed_command_runs(tmp_path):
-    command = [sys.executable, "-m", "impactlaw", "compare", "wedge", "--restitution", "2"]
+    command = [sys.executable, "-m", "impactlaw.cli", "compare", "wedge", "--restitution", "2"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=600, check=False)
     assert (done.returncode, done.stderr) == (2, "impactlaw: restitution must lie in [0, 1], got 2.0\n")
 
@@ -50,7 +50,7 @@ def test_without_matplotlib_commands_that_draw_say_so_before_they_begin(words, w
 
 
 def test_output_that_nobody_reads_to_its_end_is_no_error():
-    command = [sys.executable, "-m", "impactlaw", "plan", "newtons_cradle"]
+    command = [sys.executable, "-m", "impactlaw.cli", "plan", "newtons_cradle"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stderr is not None
@@ -60,13 +60,13 @@ def test_output_that_nobody_reads_to_its_end_is_no_error():
 
 
 def test_a_command_without_standard_output_runs():
-    command = f"{sys.executable} -m impactlaw laws >&-"
+    command = f"{sys.executable} -m impactlaw.cli laws >&-"
     done = subprocess.run(command, shell=True, capture_output=True, text=True, timeout=600, check=False)
     assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_output_that_cannot_be_written_is_one_line():
-    command = f"{sys.executable} -m impactlaw laws > /dev/full"
+    command = f"{sys.executable} -m impactlaw.cli laws > /dev/full"
     done = subprocess.run(command, shell=True, capture_output=True, text=True, timeout=600, check=False)
     assert (done.returncode, done.stderr) == (1, "impactlaw: cannot write the output: No space left on device\n")
 
@@ -78,7 +78,7 @@ def heed_interrupts():
 
 def comparing(folder):
     """Start a long comparison into a folder, and return its process once it has begun to write."""
-    command = [sys.executable, "-m", "impactlaw", "compare", "newtons_cradle", "--duration", "1e4", "--out", "out"]
+    command = [sys.executable, "-m", "impactlaw.cli", "compare", "newtons_cradle", "--duration", "1e4", "--out", "out"]
     process = subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True, preexec_fn=heed_interrupts)
     while not list(folder.glob("out/.unfinished-*/*.rrd")):
         assert process.poll() is None

@@ -36,7 +36,7 @@ def test_a_policy_of_the_folder_where_one_is_acts_in_workers(tmp_path):
         sys.executable,
         "-P",
         "-m",
-        "impactlaw",
+        "impactlaw.cli",
         *arguments,
         "--seeds",
         "0",

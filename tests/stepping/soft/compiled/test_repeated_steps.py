@@ -57,11 +57,17 @@ def test_events_of_a_squeezed_box_are_told(seed, steps):
     assert told > 0
 
 
-def test_a_callback_that_is_set_after_a_collision_lets_nothing_be_told_once_more():
+def landed():
+    """Return a stepper and data after the first collision of a ball that falls on a plane."""
     model, data = compiled('<geom type="plane" size="1 1 1"/><body pos="0 0 .11"><freejoint/><geom size=".1"/></body>')
     stepper = Stepper(model, Moreau(0.5), contact_model="soft")
     while not stepper.sums.collisions:
         stepper.step(data)
+    return stepper, data
+
+
+def test_a_callback_that_is_set_after_a_collision_lets_nothing_be_told_once_more():
+    stepper, data = landed()
     mujoco.set_mjcb_control(lambda model, data: None)
     try:
         for _ in range(3):
@@ -105,10 +111,7 @@ def test_what_is_told_are_the_collisions_of_compiled_code_and_not_other_solution
 
 
 def test_a_callback_that_is_set_before_a_collision_is_told_does_not_prevent_it():
-    model, data = compiled('<geom type="plane" size="1 1 1"/><body pos="0 0 .11"><freejoint/><geom size=".1"/></body>')
-    stepper = Stepper(model, Moreau(0.5), contact_model="soft")
-    while not stepper.sums.collisions:
-        stepper.step(data)
+    stepper, _ = landed()
     mujoco.set_mjcb_control(lambda model, data: None)
     try:
         (event,) = stepper.events
@@ -118,11 +121,8 @@ def test_a_callback_that_is_set_before_a_collision_is_told_does_not_prevent_it()
 
 
 def test_events_that_are_asked_for_after_the_model_has_changed_are_refused():
-    model, data = compiled('<geom type="plane" size="1 1 1"/><body pos="0 0 .11"><freejoint/><geom size=".1"/></body>')
-    stepper = Stepper(model, Moreau(0.5), contact_model="soft")
-    while not stepper.sums.collisions:
-        stepper.step(data)
-    model.geom_size[1] = 0.05
+    stepper, _ = landed()
+    stepper.model.geom_size[1] = 0.05
     with pytest.raises(SceneError, match="changed"):
         _ = stepper.events
 
