@@ -94,7 +94,6 @@ def _hold_velocity(
     """
     now, configuration = phase_end.now, phase_end.now.configuration
     configuration.damp(phase.duration)  # other phases may have been tried meanwhile
-    felt, free = felt.moved(configuration, free)
     impulses = _solve(phase_end, phase, free, guess)
     turned = _turned(phase_end, phase, impulses.rows)
     if turned is not None:

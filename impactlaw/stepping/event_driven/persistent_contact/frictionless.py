@@ -51,7 +51,6 @@ def hold(
         amiss |= (known >= 0) & phase.start.active[known] & (now.gap > CORRECTED * phase.tolerance)
     if np.count_nonzero(sustained & amiss):
         phase_end = hold_position(phase_end, phase, detect_again, felt.shift)
-        felt, free = felt.moved(phase_end.now.configuration, free)
     now, _, sustained = phase_end
     if phase.start.force is None and not now.approaches(sustained):
         return phase_end, None

@@ -41,21 +41,6 @@ class PredictedForce(NamedTuple):
         velocity = configuration.velocity(impulse)
         return cls(impulse, velocity, moving_part(configuration.model) * duration * velocity)
 
-    def moved(self, configuration: Configuration, free: np.ndarray) -> tuple[PredictedForce, np.ndarray]:
-        """Return the effect after contacts were closed, which has moved the bodies, and the velocity without it, (nv,).
-
-        The impulses of contact act on the inertia there. If the force to be subtracted acted on another, light links
-        under heavy bodies, which contact forces turn by hundreds of rad/s, would keep a part of it.
-
-        Args:
-            configuration: the configuration after the move.
-            free: the velocity without the force at the end of the phase, (nv,).
-        """
-        if not np.count_nonzero(self.impulse):
-            return self, free
-        velocity = configuration.velocity(self.impulse)
-        return self._replace(velocity=velocity), free + (self.velocity - velocity)
-
     def is_settled(self, impulse: np.ndarray, velocity: np.ndarray) -> bool:
         """Return whether the remainder was smaller than the effect of contact, in the kinetic metric.
 
