@@ -73,6 +73,7 @@ sub_quat, rotate, mul_quat = (_external(name, _P, _P, _P) for name in ("mju_subQ
 axis_angle_to_quat = _external("mju_axisAngle2Quat", _P, _P, _F)
 normalize4 = _external("mju_normalize4", _P, returned=types.float64)
 get_state, set_state = (_external(name, _P, _P, _P, _I) for name in ("mj_getState", "mj_setState"))
+apply_to_worlds = _external("mjb_apply", _P, _P, _I, _P, _P, _I, returned=_I)
 is_sparse, make_data = _external("mj_isSparse", _P, returned=_I), _external("mj_makeData", _P, returned=_P)
 
 

@@ -100,23 +100,20 @@ class CompiledSoftStepping(OneWorld):
         fields, simulation = self._fields, data
         fields[_DATA] = simulation._address  # pyright: ignore[reportAttributeAccessIssue]
         while steps:
-            fields[_STEPS], begun = steps, data.time  # MuJoCo resets the time if it diverges
+            fields[_STEPS] = steps
             if opened.call():
                 self._fail(data, self._states[fields[_TAKEN], : self._room], opened.message)
             taken, how = fields[_TAKEN], fields[_STATUS]
             steps -= taken
-            if self._total[0]:
-                self._scheme.collisions.unlocated += int(self._total[LAST])
-                self._scheme.collisions.short_steps += int(self._total[SHORT])
-                parts.append(RepeatedStep(self._repeater, self._states[:taken].copy(), self._total))
-            if how == world.DIVERGED:
-                time = begun + taken * self._model.opt.timestep
-                raise DivergenceError(
-                    f"MuJoCo met a state that is not finite, or huge, in the step after t = {time:g} s"
-                )
+            total = self._total
+            if total[0]:
+                if total[LAST] or total[SHORT]:
+                    self._scheme.collisions.unlocated += int(total[LAST])
+                    self._scheme.collisions.short_steps += int(total[SHORT])
+                parts.append(RepeatedStep(self._repeater, self._states[:taken].copy(), bytes(total)))
             if how != world.FINE:
                 steps -= self._go_on(how, data, steps, parts)
-        return together(parts)
+        return together(parts) if parts else ()
 
     def _go_on(self, how: int, data: mujoco.MjData, steps: int, parts: list[Any]) -> int:
         """Take the step that compiled code has left, or look up a coefficient; return the number of steps taken."""
@@ -124,6 +121,9 @@ class CompiledSoftStepping(OneWorld):
             self._coefficients.learn(int(self._context[CONTEXT.asked]))
             self._write_context()
             return 0
+        if how == world.DIVERGED:
+            time = self._states[self._fields[_TAKEN], 0]  # MuJoCo resets the time of data
+            raise DivergenceError(f"MuJoCo met a state that is not finite, or huge, in the step after t = {time:g} s")
         if how == world.CALLBACK:
             self._tell_of_callback()
         else:
