@@ -26,7 +26,7 @@ from impactlaw.stepping.soft.without_new_contacts import (
     put_start,
 )
 
-_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+_STATE, _ENERGY = int(mujoco.mjtState.mjSTATE_INTEGRATION), int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 
 
 class Stages:
@@ -97,6 +97,9 @@ class Stages:
         mujoco.mj_getState(model, trial, self._before, _STATE)
         mujoco.mj_setState(model, data, self._before, _STATE)
         _update(model, data)  # as after mj_step, which leaves what its last stage has met at the end of the step
+        if model.opt.enableflags & _ENERGY:
+            mujoco.mj_energyPos(model, data)
+            mujoco.mj_energyVel(model, data)
         return events
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import mujoco
 
 from impactlaw.solvers.cones.algebra.loops import plain, put
+from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import data_floats, layout_of, model_floats, offset, option, size
 from impactlaw.stepping.compiled.fields import DATA, MODEL, float_at
 from impactlaw.stepping.soft.tolerances import LOCKED
@@ -19,20 +20,6 @@ def _is_implicit(w):
     """Return whether the integrator advances joint damping implicitly; see `integration.joint_inertia`."""
     integrator, off = option(w, MODEL.opt_integrator), option(w, MODEL.opt_disableflags)
     return integrator != _RK4 and not off & _NONE and not (integrator == _EULER and off & _EXPLICIT)
-
-
-@plain
-def _factorize(factor, inverse, nnz, adr, col):
-    """Overwrite a matrix by its factors ``L^T D L``, and write ``1 / D``, as MuJoCo's `mj_factorM` does."""
-    for k in range(len(inverse) - 1, -1, -1):
-        begin, end = adr[k], adr[k] + nnz[k] - 1
-        inverse[k] = 1.0 / factor[end]
-        for a in range(end - 1, begin - 1, -1):
-            part, i = factor[a] * inverse[k], col[a]
-            for j in range(nnz[i]):
-                factor[adr[i] + j] -= factor[begin + j] * part
-        for a in range(begin, end):
-            factor[a] *= inverse[k]
 
 
 @plain
@@ -64,16 +51,14 @@ def lock(w, kept):
     h, entries = float_at(w.model + offset(w, MODEL.opt_timestep)), size(w, MODEL.nC)
     damping, inertia = model_floats(w, MODEL.dof_damping, w.nv), model_floats(w, MODEL.dof_M0, w.nv)
     matrix = data_floats(w, DATA.M, entries)
-    factor, inverse = data_floats(w, DATA.qLD, entries), data_floats(w, DATA.qLDiagInv, w.nv)
-    nnz, adr, col = layout_of(w)
+    nnz, adr, _ = layout_of(w)
     put(kept, matrix)
-    put(kept[entries:], factor)
-    put(kept[2 * entries :], inverse)
+    put(kept[entries:], data_floats(w, DATA.qLD, entries))
+    put(kept[2 * entries :], data_floats(w, DATA.qLDiagInv, w.nv))
     for i in range(w.nv):
         if h * damping[i] > LOCKED * inertia[i]:
             matrix[adr[i] + nnz[i] - 1] += h * damping[i]
-    put(factor, matrix)
-    _factorize(factor, inverse, nnz, adr, col)
+    mj.factor_m(w.model, w.data)
 
 
 @plain

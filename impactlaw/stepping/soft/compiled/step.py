@@ -7,13 +7,12 @@ import numpy as np
 from numba import types
 
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.loops import FLOATS, clear, kernel, norm, numbers, once, plain, put, zeros
+from impactlaw.solvers.cones.algebra.loops import FLOATS, clear, copied, kernel, norm, numbers, once, plain, put, zeros
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
     contact_ints,
     data_at,
     data_floats,
-    data_ints,
     number,
     offset,
     option,
@@ -43,16 +42,17 @@ from impactlaw.stepping.soft.compiled.without_new_contacts import (
     find_contact_forces,
     is_plain,
     keep_start,
+    meets_more,
     passes_limit,
+    row_numbers,
     start_room,
 )
 from impactlaw.stepping.soft.compiled.world import DIVERGED, FINE, PYTHON, World
-from impactlaw.stepping.soft.without_new_contacts import TENDON
 
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 _RK4, _EULER, _DISCRETE = (int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("RK4", "EULER", "DISCRETE"))
 _POSITION, _VELOCITY = int(mujoco.mjtStage.mjSTAGE_POS), int(mujoco.mjtStage.mjSTAGE_VEL)
-_COMPARE = int(mujoco.mjtEnableBit.mjENBL_FWDINV)
+_COMPARE, _ENERGY = int(mujoco.mjtEnableBit.mjENBL_FWDINV), int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 _BAD_POSITION, _BAD_VELOCITY, _BAD_ACCELERATION = (
     int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS", "QVEL", "QACC")
 )
@@ -77,13 +77,6 @@ def _touches(w):
 
 
 @kernel
-def _rows(w):
-    """Return numbers that identify the current constraint rows, int (nefc,)."""
-    n = number(w, DATA.nefc)
-    return 8 * data_ints(w, DATA.efc_id, n) + data_ints(w, DATA.efc_type, n)
-
-
-@kernel
 def _collide(w, law, sums):
     """Resolve the current collisions, if there are any; see `collide.collide`."""
     if _touches(w) == 0 or _is_huge(w):
@@ -95,10 +88,25 @@ def _collide(w, law, sums):
 def _update(w):
     """Do what `mj_forward` does, except for sensors and energies."""
     mj.fwd_position(w.model, w.data)
+    _update_forces(w)
+
+
+@plain
+def _update_forces(w):
+    """Do the part of `_update` that depends on velocities."""
     mj.fwd_velocity(w.model, w.data)
     mj.fwd_actuation(w.model, w.data)
     mj.fwd_acceleration(w.model, w.data)
     mj.fwd_constraint(w.model, w.data)
+
+
+@plain
+def _update_velocity(w):
+    """Do the part of `mj_forward` that depends on velocities, but not on forces."""
+    mj.fwd_velocity(w.model, w.data)
+    mj.sensor_vel(w.model, w.data)
+    if option(w, MODEL.opt_enableflags) & _ENERGY:
+        mj.energy_vel(w.model, w.data)
 
 
 @plain
@@ -140,24 +148,6 @@ def _go_to_start(now, state, start):
 
 
 @kernel
-def _meets_more(w, geoms, rows):
-    """Return whether pairs of geoms have more contacts than before, or there are other limits; see `stages._met`."""
-    pairs, ids, first = contact_ints(w, CONTACT.geom, 2), _rows(w), number(w, DATA.ne) + number(w, DATA.nf)
-    for c in range(len(pairs)):
-        more = 0
-        for other in pairs:
-            more += other[0] == pairs[c, 0] and other[1] == pairs[c, 1]
-        for other in geoms:
-            more -= other[0] == pairs[c, 0] and other[1] == pairs[c, 1]
-        if more > 0:
-            return True
-    for r in range(first, first + number(w, DATA.nl)):
-        if ids[r] % 8 == TENDON or not np.any(rows == ids[r]):
-            return True
-    return False
-
-
-@kernel
 def _will_meet_more(w, trial, state, start, geoms, rows):
     """Return the result of `stages._will_meet_more`."""
     now, velocity = World(w.model, trial, w.table, w.nv), numbers(w.nv)
@@ -169,20 +159,22 @@ def _will_meet_more(w, trial, state, start, geoms, rows):
     mj.integrate_pos(w.model, data_at(now, DATA.qpos), address_of(velocity), h)
     keep(velocity)
     mj.fwd_position(w.model, trial)
-    return _meets_more(now, geoms, rows)
+    return meets_more(now, geoms, rows)
 
 
 @kernel
-def _collide_at_end(w, law, trial, pushing, state, start, sums):
-    """Take an RK4 step without new contacts in other data; keep it if it ends in a collision that the law changes.
+def _collide_at_end(w, law, other, pushing, state, start, sums):
+    """Take an RK4 step without new contacts; keep it if it ends in a collision that the law changes.
 
-    Return the status, and whether the step is kept.
+    It is taken in other data, or in that of the world, if `other` is the same, which must then be at the start. Return
+    the status, and whether the step is kept; if not, data is as before.
     """
-    now = World(w.model, trial, w.table, w.nv)
-    _go_to_start(now, state, start)
+    now, here = World(w.model, other, w.table, w.nv), other == w.data
+    if not here:
+        _go_to_start(now, state, start)
     advance_without_new_contacts(now, pushing)
-    mj.fwd_position(w.model, trial)
-    mj.fwd_velocity(w.model, trial)
+    mj.fwd_position(w.model, other)
+    mj.fwd_velocity(w.model, other)
     of_trial, told = zeros(len(sums)), law.outcomes[0] if len(law.outcomes) > 0 else 0.0
     before = numbers(w.nv)
     put(before, velocity_of(now))
@@ -192,11 +184,18 @@ def _collide_at_end(w, law, trial, pushing, state, start, sums):
     if status == FINE and changed:
         sums += of_trial
         put_back(now, law, before)
-        end = numbers(len(state))
-        mj.get_state(w.model, trial, address_of(end), STATE)
-        mj.set_state(w.model, w.data, address_of(end), STATE)
-        keep(end)
-        _update(w)
+        if not here:
+            end = numbers(len(state))
+            mj.get_state(w.model, other, address_of(end), STATE)
+            mj.set_state(w.model, w.data, address_of(end), STATE)
+            keep(end)
+            mj.fwd_position(w.model, w.data)
+        _update_forces(w)
+        if option(w, MODEL.opt_enableflags) & _ENERGY:
+            mj.energy_pos(w.model, w.data)
+            mj.energy_vel(w.model, w.data)
+    elif here:
+        _go_to_start(w, state, start)
     return status, changed
 
 
@@ -213,15 +212,18 @@ def _from_start(w, law, trial, integrator, state, sums):
         unlock(w, kept)
     if status != FINE:
         return status
-    if changed:
-        put_back(w, law, _velocity_in(w, state))
-    locked = locked and takes_forces(w) and _touches(w) > 0
-    if changed or not locked:
-        mj.rest_of_forward(w.model, w.data, np.int32(_POSITION if changed else _VELOCITY), np.int32(0))
-    if locked:  # energy and sensors of velocities, above, are computed with M
+    if changed and put_back(w, law, _velocity_in(w, state)):
+        mj.sensor_pos(w.model, w.data)
+        if option(w, MODEL.opt_enableflags) & _ENERGY:
+            mj.energy_pos(w.model, w.data)
+    if locked and takes_forces(w) and _touches(w) > 0:
         if changed:
+            _update_velocity(w)  # with M: its energy
             lock(w, kept)
         mj.rest_of_forward(w.model, w.data, np.int32(_VELOCITY), np.int32(0))
+    else:
+        locked = False
+        mj.rest_of_forward(w.model, w.data, np.int32(_POSITION if changed else _VELOCITY), np.int32(0))
     held = bounces(w) and hold_back(w, law)
     if held:
         mj.rest_of_forward(w.model, w.data, np.int32(_VELOCITY), np.int32(0))
@@ -231,22 +233,24 @@ def _from_start(w, law, trial, integrator, state, sums):
     if option(w, MODEL.opt_enableflags) & _COMPARE:
         mj.compare_fwd_inv(w.model, w.data)
     if integrator == _RK4 and not held:  # its stages would compute forces of their own
-        middle, start, pushing = numbers(len(state)), numbers(start_room(w)), zeros(w.nv if _touches(w) > 0 else 0)
+        middle, start, pushing = copied(state), numbers(start_room(w)), zeros(w.nv if _touches(w) > 0 else 0)
         if len(pushing) > 0:
             find_contact_forces(w, pushing)
         keep_start(w, start, False)
-        mj.get_state(w.model, w.data, address_of(middle), STATE)
+        if changed:
+            mj.get_state(w.model, w.data, address_of(middle), STATE)
         if passes_limit(w):
-            status, collided = _collide_at_end(w, law, trial, pushing, middle, start, sums)
+            other = w.data if is_plain(w) else trial
+            status, collided = _collide_at_end(w, law, other, pushing, middle, start, sums)
             if status == FINE and not collided:
                 mj.runge_kutta(w.model, w.data, np.int32(4))
         else:
-            geoms, rows = contact_ints(w, CONTACT.geom, 2).copy(), _rows(w)
+            geoms, rows = contact_ints(w, CONTACT.geom, 2).copy(), row_numbers(w)
             most = _runge_kutta(w)
             between = most > number(w, DATA.nefc)
             if between and most <= len(rows):
                 between = _will_meet_more(w, trial, middle, start, geoms, rows)
-            same = np.array_equal(_rows(w), rows) and np.array_equal(contact_ints(w, CONTACT.geom, 2), geoms)
+            same = np.array_equal(row_numbers(w), rows) and np.array_equal(contact_ints(w, CONTACT.geom, 2), geoms)
             if between or (not same and _closes(w, law, _velocity_in(w, middle))):
                 status, collided = _collide_at_end(w, law, trial, pushing, middle, start, sums)
         keep(middle)

@@ -7,7 +7,9 @@ import numpy as np
 from impactlaw.solvers.cones.algebra.loops import clear, indices, kernel, numbers, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
+    contact_ints,
     data_floats,
+    data_ints,
     model_at,
     model_floats,
     model_ints,
@@ -18,6 +20,7 @@ from impactlaw.stepping.compiled.access import (
     velocity_of,
 )
 from impactlaw.stepping.compiled.fields import (
+    CONTACT,
     DATA,
     MODEL,
     SIZE,
@@ -30,7 +33,7 @@ from impactlaw.stepping.compiled.fields import (
     longs,
     put_int,
 )
-from impactlaw.stepping.soft.without_new_contacts import BODY, NO_CONTACT, NO_LIMIT, SCALAR, SLEEP
+from impactlaw.stepping.soft.without_new_contacts import BODY, NO_CONTACT, NO_LIMIT, SCALAR, SLEEP, TENDON
 
 
 @plain
@@ -49,6 +52,31 @@ def passes_limit(w):
             lower, upper = now - ends[2 * j] - margin[j], ends[2 * j + 1] - now - margin[j]
             if lower >= 0.0 > lower + moved or upper >= 0.0 > upper - moved:
                 return True
+    return False
+
+
+@kernel
+def row_numbers(w):
+    """Return numbers that identify the current constraint rows, int (nefc,)."""
+    n = number(w, DATA.nefc)
+    return 8 * data_ints(w, DATA.efc_id, n) + data_ints(w, DATA.efc_type, n)
+
+
+@kernel
+def meets_more(w, geoms, rows):
+    """Return whether pairs of geoms have more contacts than before, or there are other limits; see `stages._met`."""
+    pairs, ids, first = contact_ints(w, CONTACT.geom, 2), row_numbers(w), number(w, DATA.ne) + number(w, DATA.nf)
+    for c in range(len(pairs)):
+        more = 0
+        for other in pairs:
+            more += other[0] == pairs[c, 0] and other[1] == pairs[c, 1]
+        for other in geoms:
+            more -= other[0] == pairs[c, 0] and other[1] == pairs[c, 1]
+        if more > 0:
+            return True
+    for r in range(first, first + number(w, DATA.nl)):
+        if ids[r] % 8 == TENDON or not np.any(rows == ids[r]):
+            return True
     return False
 
 
@@ -83,10 +111,13 @@ def is_plain(w):
 @kernel
 def find_contact_forces(w, found):
     """Write the result of `contact_forces`, (nv,), zeros before; without rows MuJoCo leaves them."""
-    n = number(w, DATA.nefc)
+    n, others = number(w, DATA.nefc), number(w, DATA.ne) + number(w, DATA.nf)
+    if others == 0:
+        put(found, data_floats(w, DATA.qfrc_constraint, w.nv))
+        return
     forces = numbers(n)
     put(forces, data_floats(w, DATA.efc_force, n))
-    clear(forces[: number(w, DATA.ne) + number(w, DATA.nf)])
+    clear(forces[:others])
     mj.mul_jac_t_vec(w.model, w.data, address_of(found), address_of(forces))
     keep(forces)
 

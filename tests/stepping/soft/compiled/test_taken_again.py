@@ -94,6 +94,22 @@ def test_what_only_a_stage_between_meets_collides(compiled, what, beside):
 
 
 @pytest.mark.parametrize("compiled", ["auto", "never"])
+@pytest.mark.parametrize("what", ["joint", "floor"])
+def test_energies_after_a_collision_at_the_end_are_those_of_the_end(compiled, what):
+    """They were those of the start, where `mj_step` leaves about those of the end."""
+    scene = f"""<mujoco><option timestep="0.01" integrator="RK4"><flag energy="enable"/></option>
+        <worldbody>{BEFORE[what]}</worldbody></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(scene)
+    data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.5), contact_model="soft", compiled=compiled)
+    data.qpos[0], data.qvel[0] = 0.012, -2.0
+    stepper.step(data)
+    assert len(stepper.events) == 1
+    told = data.energy.copy()
+    mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(told, data.energy, rtol=1e-12)
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
 @pytest.mark.parametrize("what", ["joint", "tendon", "floor"])
 def test_what_only_a_stage_between_meets_while_a_contact_opens_collides(compiled, what):
     """No stage has more rows than the start, where the opposite limit or the ceiling is active."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 from numba import types
 
@@ -19,7 +18,6 @@ from impactlaw.stepping.compiled.access import (
     model_ints,
     number,
     offset,
-    option,
     rows_of,
     size,
     velocity_of,
@@ -29,8 +27,6 @@ from impactlaw.stepping.compiled.islands import join_trees, tree_of
 from impactlaw.stepping.soft.compiled.contacts.active_contacts import find, normal_velocities
 from impactlaw.stepping.soft.compiled.contacts.kinds import LAW, WORLD
 from impactlaw.stepping.soft.tolerances import JUST_CLOSED, OPENING
-
-_ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 
 
 @plain
@@ -94,12 +90,9 @@ def _move(w, found, since, before):
     mj.integrate_pos(w.model, data_at(w, DATA.qpos), address_of(change), 1.0)
     keep(change)
     mj.fwd_position(w.model, w.data)
-    mj.sensor_pos(w.model, w.data)
-    if option(w, MODEL.opt_enableflags) & _ENERGY:
-        mj.energy_pos(w.model, w.data)
 
 
-@linked(types.void(WORLD, LAW, FLOATS))
+@linked(types.boolean(WORLD, LAW, FLOATS))
 def put_back(w, law, before):
     """Put bodies where they would be if the law had acted when their contacts closed, and update positions.
 
@@ -107,6 +100,9 @@ def put_back(w, law, before):
         w: the world with the velocity after the collisions; everything else is still as before them.
         law: see `world.Law`.
         before: the velocity before the collisions, (nv,).
+
+    Returns:
+        Whether any body has moved; then sensors and energies of positions are not current.
     """
     n, found = number(w, DATA.nefc), find(w, law.bilateral[:0])
     h, after, wanted = len(found.row), numbers(n), numbers(n)
@@ -121,3 +117,4 @@ def put_back(w, law, before):
         some = some or since[i] > 0.0
     if some:
         _move(w, found, since, before)
+    return some
