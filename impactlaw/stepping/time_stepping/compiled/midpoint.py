@@ -148,9 +148,11 @@ def find_sizes(w, sizes, carriers):
 
 @plain
 def outrun(w):
-    """Return whether a collision throws a body farther than contacts were looked for; see `free_motion.outrun`."""
+    """Return whether a collision throws a body farther than contacts were looked for; see `free_motion.outrun`.
+
+    The velocities of bodies must be those after the collision, as `find_impulses` leaves them.
+    """
     nbody, ngeom = size(w, MODEL.nbody), size(w, MODEL.ngeom)
-    mj.com_vel(w.model, w.data)
     return outruns(
         model_floats(w, MODEL.body_margin, nbody), model_floats(w, MODEL.geom_margin, ngeom),
         model_ints(w, MODEL.geom_bodyid, ngeom), model_ints(w, MODEL.body_rootid, nbody),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from impactlaw.solvers.cones.algebra.loops import clear, once, plain, put
+from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import velocity_of
 from impactlaw.stepping.compiled.fields import floats
 from impactlaw.stepping.time_stepping.compiled.impulses.answer import Solved
@@ -110,8 +111,14 @@ def find_impulses(
 
 @once
 def _less_energy(w, law, start, bias, turning, gravity, free, jacobian, chosen, mark, room, found, phases):
-    """Put a collision between two half steps if it creates energy together with inertial forces."""
-    if not found.solved.collided or setting(w, SETTING.inertial) == 0.0:
+    """Put a collision between two half steps if it creates energy together with inertial forces.
+
+    After a collision, the velocities of bodies are then those of the velocity after it.
+    """
+    if not found.solved.collided:
+        return found
+    if setting(w, SETTING.inertial) == 0.0:
+        mj.com_vel(w.model, w.data)
         return found
     own = created(w, start, bias, velocities_at(room, 1, 1))
     gains = _size(w, found.solved.work + own)
@@ -144,6 +151,7 @@ def _less_energy(w, law, start, bias, turning, gravity, free, jacobian, chosen, 
         was = gains
     if gains > least:
         found = _again(w, law, start, best[w.nv :], best[: w.nv], jacobian, chosen, mark, room, found, phases)
+    mj.com_vel(w.model, w.data)
     return found
 
 
