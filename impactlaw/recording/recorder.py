@@ -6,7 +6,7 @@ import atexit
 import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import mujoco
 import numpy as np
@@ -21,11 +21,9 @@ from impactlaw.recording.output.file import RecordingFile
 from impactlaw.recording.output.frames import Frames
 from impactlaw.recording.properties import law_name, run_properties
 from impactlaw.recording.rrd import file_path
+from impactlaw.scene.contacts import Contacts
 from impactlaw.stepping.compatibility import check_model
-
-if TYPE_CHECKING:
-    from impactlaw.scene.contacts import Contacts
-    from impactlaw.stepping.impact_event import ImpactEvent
+from impactlaw.stepping.impact_event import ImpactEvent
 
 BATCH = 200
 """Number of frames that are sent and flushed to the file together."""
@@ -164,9 +162,10 @@ class Recorder:
             contacts: the closed contacts; by default the touching ones of ``data.contact``.
 
         Raises:
-            RecordingError: the recorder is closed, data belongs to another model, or the file can no longer be written.
+            RecordingError: the recorder is closed, data belongs to another model, the file can no longer be written, or
+                an argument is something else.
         """
-        file = self._opened()
+        file, events = self._opened(), _checked(data, events, contacts)
         if (data.qpos.size, data.qvel.size) != self._sizes:
             raise RecordingError(f"the data are not of the model that {self.path} records; a new model needs a new one")
         self._advance(data.time)
@@ -228,6 +227,18 @@ class Recorder:
         viewer.log_styles(stream)
         texts = {name: json.dumps(value) for name, value in properties.items()}
         stream.send_property(layout.PROPERTIES, rr.AnyValues(drop_untyped_nones=True, **texts))
+
+
+def _checked(data: Any, events: Any, contacts: Any) -> tuple[ImpactEvent, ...]:
+    """Return the collisions of a step after checking that a step consists of these."""
+    if not isinstance(data, mujoco.MjData):
+        raise RecordingError(f"a step is recorded from its mujoco.MjData, got {data!r:.80}: step(data, stepper.events)")
+    told: tuple[Any, ...] = tuple(events) if isinstance(events, Iterable) else (events,)
+    if not all(isinstance(event, ImpactEvent) for event in told):
+        raise RecordingError(f"the collisions of a step are stepper.events, got {events!r:.80}")
+    if contacts is not None and not isinstance(contacts, Contacts):
+        raise RecordingError(f"the contacts of a step are impactlaw.Contacts, got {contacts!r:.80}")
+    return told
 
 
 def _new_stream() -> Any:

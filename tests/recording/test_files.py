@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
+from impactlaw import Moreau, Stepper
 from impactlaw.errors import RecordingError, SceneError
 from impactlaw.recording import Recorder, read_log, viewer
 from impactlaw.recording.recorder import BATCH
@@ -183,6 +184,23 @@ def test_data_of_another_model(tmp_path, scene):
         pytest.raises(RecordingError, match="not of the model"),
     ):
         recorder.step(mujoco.MjData(other))
+
+
+def test_what_is_no_step_is_refused_and_leaves_nothing(tmp_path, scene):
+    model, data = scene
+    stepper = Stepper(model, Moreau(0.5))
+    wrong = {
+        "from its mujoco.MjData, got <impactlaw.stepping.stepper.Stepper": (stepper,),
+        "are stepper.events, got <impactlaw": (data, stepper),
+        r"are stepper.events, got \[1\]": (data, [1]),
+        "are impactlaw.Contacts, got 3": (data, (), 3),
+    }
+    with Recorder(model, tmp_path / "run.rrd") as recorder:
+        for reason, arguments in wrong.items():
+            with pytest.raises(RecordingError, match=reason):
+                recorder.step(*arguments)
+        recorder.step(data)
+    assert len(read_log(tmp_path / "run.rrd").series("energy/total")[0]) == 1
 
 
 def test_an_exception_in_the_run_keeps_what_was_recorded(tmp_path, scene):
