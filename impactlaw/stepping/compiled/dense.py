@@ -10,6 +10,7 @@ import numpy as np
 from impactlaw.compiled import compiled
 
 _ROWS = 64
+_ROUNDING = 1e-12  # force up to which a contact does not push, relative to the largest of the step
 
 
 @lru_cache(maxsize=8)
@@ -34,9 +35,10 @@ def sparse_jacobian(
 
 @compiled("(float64[::1],float64[:],float64,int32[:],int32[:],int32[:,:],int32[:])")
 def leave_open_out(force, gap, touch, dim, address, contacts, owners):
-    """Move open contacts without force behind the others; return how many the others are.
+    """Move open contacts that do not push behind the others; return how many the others are.
 
     Contacts are looked for farther away than MuJoCo lists them: readers of the list and sensors take each for a touch.
+    Rounding of the solvers is no push.
 
     Args:
         force: forces of rows with elliptic cones, (n,).
@@ -47,9 +49,11 @@ def leave_open_out(force, gap, touch, dim, address, contacts, owners):
         contacts: MuJoCo's contacts, whole, (ncon, ..), reordered.
         owners: contact of each row, or what other rows belong to, (n,), written for rows of contacts.
     """
-    count = 0
+    count, least = 0, 0.0
+    for each in force:
+        least = max(least, _ROUNDING * abs(each))
     for i in range(len(dim)):
-        if gap[i] > touch and not (address[i] >= 0 and force[address[i] : address[i] + dim[i]].any()):
+        if gap[i] > touch and not (address[i] >= 0 and abs(force[address[i]]) > least):
             continue
         if count < i:
             for k in range(contacts.shape[1]):

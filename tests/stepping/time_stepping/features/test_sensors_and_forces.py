@@ -111,6 +111,21 @@ def test_a_ball_that_bounces_touches_when_it_collides(compiled_option, cone):
     assert listed == collisions == 2
 
 
+@both
+@cones
+def test_an_open_contact_that_pushes_by_rounding_is_not_listed(compiled_option, cone):
+    """Regression: one corner of these boxes, .26 mm off, pushed its neighbour sideways with 1e-21 N, and was listed."""
+    box = '<body pos="{} 0 {}" euler="{} 5 0"><freejoint/><geom type="box" size=".1 .1 .1"/></body>'
+    boxes = "".join(box.format(0.02 * i, 0.15 + 0.22 * i, 10 * i) for i in range(3))
+    model, data = compiled(FLOOR + boxes, option=f'cone="{cone}" timestep=".004"')
+    stepper, force = stepping(model, Moreau(0.5), compiled=compiled_option), np.zeros(6)
+    for _ in range(100):
+        stepper.step(data)
+        for i in np.flatnonzero(data.contact.dist > 1e-5):
+            mujoco.mj_contactForce(model, data, i, force)
+            assert force[0] > 0.0
+
+
 @cones
 def test_compiled_steps_and_steps_in_python_list_the_same_contacts(cone):
     model, _ = compiled(SENSED + NEAR + falling(), TOUCHES, option=f'cone="{cone}"')
