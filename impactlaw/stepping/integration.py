@@ -142,8 +142,9 @@ def implicit_inertia(model: mujoco.MjModel, data: mujoco.MjData, duration: float
 def locked_joints(model: mujoco.MjModel, added: np.ndarray | None, ratio: float) -> np.ndarray | None:
     """Return which degrees of freedom are all but locked by damping in a timestep h, bool (nv,); None if none are.
 
-    These have ``h D > ratio M``, with M at the configuration in which the scene was compiled, and h D from
-    `implicit_inertia`.
+    These have ``h D > ratio M``, with h D from `implicit_inertia`. M is the smaller one of two inertias at the
+    configuration in which the scene was compiled: with all other joints held, and with all others free to move. The
+    latter is that of a light link between heavy ones, which a trunk of several joints in series has.
 
     MuJoCo's semi-implicit integrators advance by ``(M + h D)^-1``, but an impulse moves bodies by ``M^-1``. Where
     ``h D`` is many times M, the effect of contact on such a joint is gone after one step. Until then its damping is a
@@ -151,7 +152,8 @@ def locked_joints(model: mujoco.MjModel, added: np.ndarray | None, ratio: float)
     """
     if added is None:
         return None
-    locked = added > ratio * model.dof_M0
+    coupled = model.dof_simplenum == 0  # for others MuJoCo leaves armature out of the inverse
+    locked = (added > ratio * model.dof_M0) | (coupled & (added * model.dof_invweight0 > ratio))
     return locked if np.count_nonzero(locked) else None
 
 

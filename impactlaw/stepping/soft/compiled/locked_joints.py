@@ -6,7 +6,7 @@ import mujoco
 
 from impactlaw.solvers.cones.algebra.loops import plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
-from impactlaw.stepping.compiled.access import data_floats, layout_of, model_floats, offset, option, size
+from impactlaw.stepping.compiled.access import data_floats, layout_of, model_floats, model_ints, offset, option, size
 from impactlaw.stepping.compiled.fields import DATA, MODEL, float_at
 from impactlaw.stepping.soft.tolerances import LOCKED
 
@@ -23,13 +23,25 @@ def _is_implicit(w):
 
 
 @plain
-def locks(w):
-    """Return whether damping all but locks a joint; see `integration.locked_joints`."""
+def _damped(w):
+    """Return h, and of each degree of freedom D, M, the entry of ``M^-1``, and 0 if others are coupled to it, (nv,)."""
     h = float_at(w.model + offset(w, MODEL.opt_timestep))
     damping, inertia = model_floats(w, MODEL.dof_damping, w.nv), model_floats(w, MODEL.dof_M0, w.nv)
+    return h, damping, inertia, model_floats(w, MODEL.dof_invweight0, w.nv), model_ints(w, MODEL.dof_simplenum, w.nv)
+
+
+@plain
+def _is_locked(added, inertia, effect, simple):
+    return added > LOCKED * inertia or (simple == 0 and added * effect > LOCKED)
+
+
+@plain
+def locks(w):
+    """Return whether damping all but locks a joint; see `integration.locked_joints`."""
+    h, damping, inertia, effect, simple = _damped(w)
     some = False
     for i in range(w.nv):
-        some = some or h * damping[i] > LOCKED * inertia[i]
+        some = some or _is_locked(h * damping[i], inertia[i], effect[i], simple[i])
     return some and _is_implicit(w)
 
 
@@ -48,15 +60,15 @@ def room(w):
 @plain
 def lock(w, kept):
     """Add h D of such joints to the mass matrix, and factorize it; save the old values into `kept`, (`room`,)."""
-    h, entries = float_at(w.model + offset(w, MODEL.opt_timestep)), size(w, MODEL.nC)
-    damping, inertia = model_floats(w, MODEL.dof_damping, w.nv), model_floats(w, MODEL.dof_M0, w.nv)
+    entries = size(w, MODEL.nC)
+    h, damping, inertia, effect, simple = _damped(w)
     matrix = data_floats(w, DATA.M, entries)
     nnz, adr, _ = layout_of(w)
     put(kept, matrix)
     put(kept[entries:], data_floats(w, DATA.qLD, entries))
     put(kept[2 * entries :], data_floats(w, DATA.qLDiagInv, w.nv))
     for i in range(w.nv):
-        if h * damping[i] > LOCKED * inertia[i]:
+        if _is_locked(h * damping[i], inertia[i], effect[i], simple[i]):
             matrix[adr[i] + nnz[i] - 1] += h * damping[i]
     mj.factor_m(w.model, w.data)
 
