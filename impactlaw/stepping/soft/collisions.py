@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -27,6 +28,7 @@ from impactlaw.stepping.integration import is_huge, joint_inertia, locked_joints
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.soft.drifting_limits import drifting
 from impactlaw.stepping.soft.driving_constraints import Constraints, is_dragged
+from impactlaw.stepping.soft.locked_joints import with_locked_joints
 from impactlaw.stepping.soft.position_correction import put_back
 from impactlaw.stepping.soft.rebounds import Normals, bounces, hold_back, normals
 from impactlaw.stepping.soft.tolerances import LOCKED, OPENING, ROUNDING, WORK
@@ -169,10 +171,9 @@ class Collisions:
 
         Contacts that equality constraints tie do not take part, nor do limits that only their drift closes.
         """
-        model = self.model
         free = np.flatnonzero(~kept.tie(closed.contacts))
         closed, gamma = closed.select(free), gamma[free]
-        constraints = bilateral_rows(model, data, self.bilateral, calm=kept.calm(closed.jacobian, gamma))
+        constraints = self.bilateral_rows(data, kept.calm(closed.jacobian, gamma))
         if constraints is not None:
             limits = closed.contacts.geoms[:, 0] < 0
             given = drifting(self.metric(data), closed.jacobian, constraints, data.qvel)
@@ -201,11 +202,23 @@ class Collisions:
 
     def metric(self, data: mujoco.MjData) -> KineticMetric:
         """Return the kinetic metric; joints that damping all but locks have the integrator's inertia ``M + h D``."""
-        metric, added = kinetic_metric(self.model, data), joint_inertia(self.model)
+        metric, added = kinetic_metric(self.model, data), self._added()
+        return metric if added is None else KineticMetric(metric.mass_matrix + np.diag(added))
+
+    def bilateral_rows(self, data: mujoco.MjData, calm: np.ndarray) -> np.ndarray | None:
+        """Return rows of the constraints that keep their velocity, (k, nv), see `equality_constraints.bilateral_rows`.
+
+        Which of nearly redundant rows count depends on the metric, which is that of the collision.
+        """
+        added = self._added()
+        with nullcontext() if added is None else with_locked_joints(self.model, data, added):
+            return bilateral_rows(self.model, data, self.bilateral, calm=calm)
+
+    def _added(self) -> np.ndarray | None:
+        """Return h D of joints that damping all but locks, and 0 for others, (nv,); None if there are none."""
+        added = joint_inertia(self.model)
         locked = locked_joints(self.model, added, LOCKED)
-        if added is None or locked is None:
-            return metric
-        return KineticMetric(metric.mass_matrix + np.diag(np.where(locked, added, 0.0)))
+        return None if added is None or locked is None else np.where(locked, added, 0.0)
 
     def _without_restitution(
         self, data: mujoco.MjData, closed: Closed, gamma: np.ndarray, events: list[ImpactEvent]

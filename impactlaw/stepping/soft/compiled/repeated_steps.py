@@ -20,7 +20,6 @@ from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact, cone_problem
 from impactlaw.mechanics.impact import Impact
 from impactlaw.scene.contacts import acted_on, sorted_geoms
-from impactlaw.scene.equality_constraints import bilateral_rows
 from impactlaw.solvers.certificate import judge
 from impactlaw.solvers.friction.problem import ConeAnswer
 from impactlaw.solvers.friction.solve import shared
@@ -51,7 +50,7 @@ def _events_of(outcomes: list[Outcome], collisions: Collisions, data: mujoco.MjD
     closed, metric, row = collisions.closed(data), collisions.metric(data), _first_rows(data)
     if data.ne:
         kept = np.where(np.isnan(first.impulse[: data.ne]), -1.0, np.inf)
-        closed = closed._replace(bilateral=bilateral_rows(model, data, collisions.bilateral, calm=kept))
+        closed = closed._replace(bilateral=collisions.bilateral_rows(data, kept))
     for outcome in outcomes:
         part = np.flatnonzero(~np.isnan(outcome.impulse[row]))
         some = closed.select(part)
