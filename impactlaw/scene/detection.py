@@ -52,14 +52,13 @@ class Distances(NamedTuple):
         contact = data.contact
         return cls(contact.geom, contact.dist, contact.frame[:, :3])
 
-    def beyond(self, distance: float) -> Distances:
-        """Return the pairs whose distance is larger than a given one, m."""
-        return self.select(self.distance > distance)
+    def beyond(self, distance: float) -> Distances | None:
+        """Return the pairs whose distance is larger than a given one, m; None if there are none."""
+        return self.select([i for i, apart in enumerate(self.distance.tolist()) if apart > distance])
 
-    def select(self, which: np.ndarray) -> Distances:
-        """Return the chosen pairs, bool (h,)."""
-        chosen = which.nonzero()[0]
-        return self if len(chosen) == len(which) else Distances(*(part[chosen] for part in self))
+    def select(self, chosen: list[int]) -> Distances | None:
+        """Return the chosen pairs, indices; None if there are none."""
+        return Distances(self.geoms[chosen], self.distance[chosen], self.normal[chosen]) if chosen else None
 
 
 class Detector:

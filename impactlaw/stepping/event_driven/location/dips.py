@@ -23,7 +23,7 @@ from impactlaw.stepping.event_driven.contact_set import ContactSet
 from impactlaw.stepping.event_driven.contact_state import ContactState, PhaseEnd
 from impactlaw.stepping.event_driven.location.travel import Frames, Travel
 from impactlaw.stepping.event_driven.location.trial_step import TrialStep
-from impactlaw.stepping.event_driven.matching import among, match
+from impactlaw.stepping.event_driven.matching import match
 
 _TRIALS = 12  # largest number of trial steps for the lowest point of one gap; smooth gaps take one or two
 _TURNS = 0.1  # part of the longest turn up to which the nearest points of bodies stay in place
@@ -72,7 +72,7 @@ class Dips:
         apart = detector.distances(data, max(reach, self._near))
         if apart is None:
             return True
-        if apart.distance.min() < self._near + SKIN or self._opened(apart, start, before, duration, reach):
+        if min(apart.distance.tolist()) < self._near + SKIN or self._opened(apart, start, before, duration, reach):
             return False
         data.ncon = 0  # as if only near contacts had been looked for
         return True
@@ -95,21 +95,24 @@ class Dips:
         if detector.are_closed(data, max(reach, self._near), pattern, gaps):
             return True
         apart = Distances.of(data)
-        if reach <= self._near or apart is None or self._opened(apart, start, before, duration, reach):
+        if reach <= self._near or apart is None:
+            return False
+        far = apart.beyond(self._near + SKIN)
+        if far is not None and self._opened(far, start, before, duration, reach):
             return False
         return detector.are_closed(data, self._near, pattern, gaps)
 
     def _opened(
         self, apart: Distances, start: Frames | None, before: np.ndarray, duration: float, reach: float
     ) -> bool:
-        """Return whether one of these pairs that is not near now may have been closed within a phase."""
-        data, apart = self._configuration.data, apart.beyond(self._near + SKIN)
-        if start is None:
-            travel = self._travel.by(before, data.qvel, duration) + self._drift(duration)
-            opened = travel[apart.geoms].sum(axis=1)
+        """Return whether one of these pairs, which are not near now, may have been closed within a phase."""
+        if start is not None:
+            may_dip = self._may_dip(apart, start, before, duration)
         else:
-            opened = self._travel.along(start, data, apart) + self._bend(before, duration)
-        if not np.count_nonzero(apart.distance <= opened + SKIN):
+            travel = self._travel.by(before, self._configuration.data.qvel, duration).tolist()
+            drift, pairs = 2.0 * self._drift(duration), zip(apart.geoms.tolist(), apart.distance.tolist(), strict=True)
+            may_dip = any(gap <= travel[first] + travel[second] + drift + SKIN for (first, second), gap in pairs)
+        if not may_dip:
             return False
         found = self._detect(reach)
         return bool(np.count_nonzero(self._opens(found, before, duration) & (found.gap > self._near)))
@@ -127,34 +130,36 @@ class Dips:
         within = self._reach(before, duration, self._travel.reach(before, data.qvel, duration))
         if within <= self._near:
             return None
-        found, known = now.contact_set, trial.phase_end.known
-        apart, near = self._detector.distances(data, within), now.pattern
-        others = near.several or data.ncon > near.geom_contacts
-        if others and apart is not None and len((apart := self._new(apart, phase.start)).distance):
-            opened = self._travel.along(phase.start.frames, data, apart) + self._bend(before, duration)
-            if np.count_nonzero(apart.distance <= opened + SKIN):
+        found, near = now.contact_set, now.pattern
+        apart = self._detector.distances(data, within)
+        if apart is not None and (near.several or len(apart.distance) > near.geom_contacts):
+            new = self._new(apart, phase.start)
+            if new is not None and self._may_dip(new, phase.start.frames, before, duration):
                 found = self._detect(within)
-                known = match(found, phase)
-                phase.work.look(len(known))
-        if found is now.contact_set and trial.phase_end.sustained.all():
+                phase.work.look(len(found.gap))
+        sustained = trial.phase_end.sustained
+        if found is now.contact_set and np.count_nonzero(sustained) == len(sustained):
             found = None
         if near.geom_contacts == 0:
             data.ncon = 0
         elif data.ncon != near.geom_contacts:
             self._detector.refresh(data, self._near, near)
-        suspects = {} if found is None else self._suspects(found, known, trial)
+        suspects = {} if found is None else self._suspects(found, trial)
         if not suspects:
             return None
         return self._search(suspects, trial, state, try_for, within)
 
-    def _new(self, apart: Distances, start: ContactState) -> Distances:
+    def _may_dip(self, apart: Distances, start: Frames, before: np.ndarray, duration: float) -> bool:
+        """Return whether the motion since the start of the phase allows one of these pairs to have met meanwhile."""
+        opened = self._travel.along(start, self._configuration.data, apart) + self._bend(before, duration)
+        return bool(np.count_nonzero(apart.distance <= opened + SKIN))
+
+    def _new(self, apart: Distances, start: ContactState) -> Distances | None:
         """Return the pairs that are not near now, and did not start the phase with their only contact closed."""
-        apart, key = apart.beyond(self._near + SKIN), start.pattern.key[start.closed & start.pattern.single]
-        if not len(key) or not len(apart.distance):
-            return apart
-        first, second = apart.geoms.T
-        pairs = np.minimum(first, second) * self._configuration.model.ngeom + np.maximum(first, second)
-        return apart.select(~among(pairs, key))
+        known, limit = set(start.pattern.key[start.closed & start.pattern.single].tolist()), self._near + SKIN
+        count, pairs = self._configuration.model.ngeom, zip(apart.geoms.tolist(), apart.distance.tolist(), strict=True)
+        far = ((i, pair) for i, (pair, gap) in enumerate(pairs) if gap > limit)
+        return apart.select([i for i, pair in far if min(pair) * count + max(pair) not in known])
 
     def _search(
         self,
@@ -209,12 +214,13 @@ class Dips:
             if key in at_start and (at_start[key].slope < 0.0 or (turns and not single[key]))
         }
 
-    def _suspects(self, found: ContactSet, known: np.ndarray, trial: TrialStep) -> dict[int, _Node]:
+    def _suspects(self, found: ContactSet, trial: TrialStep) -> dict[int, _Node]:
         """Return contacts that may have been closed within a trial, by key, except those that were closed before."""
         phase, phase_end = trial.phase, trial.phase_end
         opens = self._opens(found, phase.start.velocity, phase.duration)
         if not np.count_nonzero(opens):
             return {}
+        known = phase_end.known if found is phase_end.contact_set else match(found, phase)
         if len(phase.start.closed):
             opens &= ~((known >= 0) & phase.start.closed[known])
         opens &= ~(found.pattern.vague & np.isin(found.pattern.key, _held(phase_end)))

@@ -114,9 +114,12 @@ class Travel:
 
     def along(self, start: Frames, data: mujoco.MjData, apart: Distances) -> np.ndarray:
         """Return a bound on the opening of pairs of geoms along their current normals, m, (h,)."""
-        shift, turned = data.geom_xpos - start.position, self._turned(start, data)
-        first, second = apart.geoms.T
-        return np.vecdot(apart.normal, shift[second] - shift[first]) + turned[first] + turned[second]
+        shift, (first, second) = data.geom_xpos - start.position, apart.geoms.T
+        opened = np.vecdot(apart.normal, shift[second] - shift[first])
+        if self._round:
+            return opened
+        turned = self._turned(start, data)
+        return opened + turned[first] + turned[second]
 
     def suspects(self, start: Frames, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
         """Return the indices of pairs that may have passed through each other since the start, (k,).
