@@ -148,13 +148,12 @@ def _motion(
     """
     velocity = contact_set.configuration.data.qvel.copy()
     gamma = contact_set.contact_velocity(velocity)
-    speed = np.abs(gamma)
-    moves = closed & (speed > silent)
-    if not np.count_nonzero(moves):
-        return velocity, gamma, 0.0 * gamma, True
-    J = contact_set.jacobian
-    unclear = speed <= (_CLEAR * mujoco.mju_norm(velocity)) * np.sqrt(np.vecdot(J, J))
-    return velocity, gamma, _noise(contact_set, velocity) if np.count_nonzero(moves & unclear) else 0.0 * gamma, False
+    moving = [(i, speed) for i, speed in enumerate(map(abs, gamma.tolist())) if speed > silent and closed.item(i)]
+    if not moving:
+        return velocity, gamma, np.zeros(len(gamma)), True
+    clear, lengths = _CLEAR * mujoco.mju_norm(velocity), row_lengths(contact_set.jacobian).tolist()
+    unclear = any(speed <= clear * lengths[i] for i, speed in moving)
+    return velocity, gamma, _noise(contact_set, velocity) if unclear else np.zeros(len(gamma)), False
 
 
 def _noise(contact_set: ContactSet, velocity: np.ndarray) -> np.ndarray:
@@ -197,14 +196,15 @@ def stays(gap: np.ndarray, known: np.ndarray, phase: Phase) -> np.ndarray:
     """Return which contacts are sustained if the phase ends with these gaps, bool (h,)."""
     if phase.hold_all:
         return gap <= phase.tolerance
-    start, tau = phase.start, phase.duration
-    closed = start.closed
-    if not np.count_nonzero(closed):
-        return np.zeros(len(known), dtype=bool)
-    velocity = start.contact_velocity[known]
-    slow = velocity <= start.rounding[known]
-    held = (known >= 0) & closed[known]
-    if not np.count_nonzero(held & ~slow):
+    start, tau, held = phase.start, phase.duration, np.zeros(len(known), dtype=bool)
+    if not (len(known) and np.count_nonzero(start.closed)):
         return held
-    closing = 2.0 * (start.gap[known] + velocity * tau - gap)  # times tau^2
-    return held & (slow | ((velocity * tau) ** 2 <= 2.0 * closing * phase.tolerance))
+    before = start.closed.tolist(), start.gap.tolist(), start.contact_velocity.tolist(), start.rounding.tolist()
+    motion = list(zip(*before, strict=True))
+    for i, (index, end) in enumerate(zip(known.tolist(), gap.tolist(), strict=True)):
+        closed, begun, velocity, rounding = motion[index]
+        if index >= 0 and closed:
+            travel = velocity * tau
+            closing = 2.0 * (begun + travel - end)  # times tau^2
+            held[i] = velocity <= rounding or travel * travel <= 2.0 * closing * phase.tolerance
+    return held

@@ -120,7 +120,7 @@ def _first_zero(one: _Node, other: _Node) -> float:
     at = [0.0, *_extremes(first, second, third), 1.0]
     for low, high in pairwise(at):
         if zero + high * (first + high * (second + high * third)) < 0.0:
-            return one.time + d * _falling_zero((zero, first, second, third), low, high)
+            return one.time + d * _falling_zero(zero, first, second, third, low, high)
     return math.inf
 
 
@@ -134,16 +134,16 @@ def _extremes(first: float, second: float, third: float) -> list[float]:
     return sorted(s for s in zeros if 0.0 < s < 1.0)
 
 
-def _falling_zero(c: tuple[float, float, float, float], low: float, high: float) -> float:
+def _falling_zero(zero: float, first: float, second: float, third: float, low: float, high: float) -> float:
     """Return the zero of a cubic that falls from low to high, by Newton steps in the bracket, or by bisection."""
     s = 0.5 * (low + high)
     for _ in range(_HALVINGS):
-        value = c[0] + s * (c[1] + s * (c[2] + s * c[3]))
+        value = zero + s * (first + s * (second + s * third))
         if value > 0.0:
             low = s
         else:
             high = s
-        slope = c[1] + s * (2.0 * c[2] + s * 3.0 * c[3])
+        slope = first + s * (2.0 * second + s * 3.0 * third)
         following = s - value / slope if slope < 0.0 else low
         if not low < following < high:
             following = 0.5 * (low + high)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -48,17 +49,15 @@ class TrialStep(NamedTuple):
         return bool(before >= 0 and abs(self.phase.start.gap[before]) <= self.phase.tolerance)
 
     @property
-    def observations(self) -> Iterator[Observation]:
+    def observations(self) -> list[Observation]:
         """Contacts that are not held, by gap; those that were not near at the start are identified by their geoms."""
         now, known, sustained = self.phase_end
-        opened = (~sustained).nonzero()[0]
-        known = known[opened]
-        contact = np.where(known >= 0, known, -1 - now.pattern.key[opened])
-        gap = _clear(now.gap[opened], known, self.phase)
-        order = gap.argsort()
-        before = now.contact_set.contact_velocity(self.phase.start.velocity)[opened]
-        columns = contact, gap, now.contact_velocity[opened], before
-        return map(Observation, *(column[order].tolist() for column in columns))
+        before = now.contact_set.contact_velocity(self.phase.start.velocity)
+        columns = sustained, known, now.pattern.key, _clear(now.gap, known, self.phase), now.contact_velocity, before
+        rows = zip(*(column.tolist() for column in columns), strict=True)
+        found = [Observation(i if i >= 0 else -1 - key, *motion) for held, i, key, *motion in rows if not held]
+        found.sort(key=itemgetter(1))
+        return found
 
 
 def _clear(gap: np.ndarray, known: np.ndarray, phase: Phase) -> np.ndarray:

@@ -100,9 +100,12 @@ def _led(now: ContactState, known: np.ndarray, phase: Phase) -> np.ndarray:
 def _is_corrected(phase_end: PhaseEnd, active: np.ndarray, phase: Phase) -> bool:
     """Return whether no sustained contact overlaps, active contacts are closed, and no other contact should be held."""
     gap, sustained, allowed = phase_end.gap, phase_end.sustained, CORRECTED * phase.tolerance
-    if np.count_nonzero((sustained & (gap < -allowed)) | (active & (np.abs(gap) > allowed))):
-        return False
-    return bool(sustained.all()) or not np.count_nonzero(stays(gap, phase_end.known, phase) & ~sustained)
+    for one, held, pushed in zip(gap.tolist(), sustained.tolist(), active.tolist(), strict=True):
+        if (held and one < -allowed) or (pushed and abs(one) > allowed):
+            return False
+    if np.count_nonzero(sustained) == len(sustained):
+        return True
+    return not np.count_nonzero(stays(gap, phase_end.known, phase) & ~sustained)
 
 
 def _correction(phase_end: PhaseEnd, shift: np.ndarray, phase: Phase, cuts: Cuts) -> Correction:
