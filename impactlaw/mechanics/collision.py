@@ -286,7 +286,7 @@ class Collision:
         rates, jump = self.surface_velocity, self.surface_jump
         if rates is not None and jump is not None:
             rates = rates + 0.5 * jump
-        if self._fixed is not None:
+        if self.bilateral_jacobian is not None and self._fixed is not None:
             moving = self.metric.whiten_gradients(self.jacobian) @ self._fixed
             rates = moving if rates is None else rates + moving
         return rates
@@ -311,7 +311,7 @@ class Collision:
         """Whether S(v-) is defined for this collision: it has no friction, and moving surfaces move together."""
         return self.friction is None and self.has_frame
 
-    @cached_property
+    @property
     def relative_velocity(self) -> np.ndarray:
         """``P R^T v-`` relative to the moving surfaces, shape (nv,): plus the c with ``Y c`` equal to `frame_rates`.
 

@@ -48,7 +48,7 @@ def beyond_rounding(gap: float, impulses: float, speed: float) -> float:
 
 def judge(problem: Problem, impulse: np.ndarray, jump: np.ndarray | None = None) -> Answer:
     """Return an impulse as an answer, with its residual; the jump may be given if it was computed separately."""
-    made = impulse @ problem.gradients
+    made = problem.gradients.T.dot(impulse)
     z = made if jump is None else jump
     slack, scaled = problem.slack(z), impulse * problem.lengths
     residual = scipy.linalg.blas.dnrm2(np.minimum(scaled, slack))
@@ -72,7 +72,7 @@ def judge_active(problem: Problem, active: np.ndarray | slice) -> Answer | None:
     Y, c = problem.gradients[active], problem.bound[active]
     if not 0 < len(c) <= Y.shape[1]:
         return None
-    factor, carried, failed = scipy.linalg.lapack.dposv(Y @ Y.T, c)
+    factor, carried, failed = scipy.linalg.lapack.dposv(Y.dot(Y.T), c)
     # lists: with the few contacts of most collisions, their min() takes a quarter of the time of an array's
     if failed or min(carried.tolist()) <= 0:
         return None

@@ -72,7 +72,7 @@ def pushed(c: Any, jump: np.ndarray, impulse: np.ndarray) -> tuple[float, float]
 
 def imbalance(c: Any, jump: np.ndarray, impulse: np.ndarray) -> float:
     """Return ``|M (v+ - v-) - J^T Lambda|`` (dual kinetic norm), less what rounding Lambda to doubles may cause."""
-    left = jump - impulse @ c.whitened_jacobian
+    left = jump - c.whitened_jacobian.T.dot(impulse)
     return beyond_rounding(sqrt(left.dot(left)), float(np.abs(impulse).dot(c.gradient_norms)), larger_speed(c, jump))
 
 

@@ -104,13 +104,16 @@ class ContactSet:
         return Rows(friction.rows_contact, friction.rows_kind, J, drift, self.whiten(J))
 
     def closed(self, which: np.ndarray) -> Closed:
-        """Return the chosen contacts, (k,) indices, as contacts that may collide."""
+        """Return the chosen contacts, ascending indices (k,), as contacts that may collide."""
         drift, before = (None if w is None else w[which] for w in (self.drift, self.drift_before))
         pattern, friction = self.pattern.friction, None
-        if self.tangents is not None and pattern is not None:
-            J, sliding = self.tangents
-            friction = Friction(J, pattern.contact, pattern.coefficient, sliding).select(which)
-        return Closed(self.contacts.select(which), self.jacobian[which], self.bilateral, drift, before, friction)
+        if pattern is not None and self.tangents is not None:
+            rows, sliding = self.tangents
+            friction = Friction(rows, pattern.contact, pattern.coefficient, sliding).select(which)
+        contacts, J = self.contacts, self.jacobian
+        if len(which) < len(contacts):
+            contacts, J = contacts.select(which), J[which]
+        return Closed(contacts, J, self.bilateral, drift, before, friction)
 
     @property
     def along(self) -> np.ndarray:
@@ -124,10 +127,10 @@ class ContactSet:
         _, whitened = self._confined
         return whitened
 
-    @cached_property
+    @property
     def yielding(self) -> np.ndarray:
         """``J R^-T``, (h, nv), with equality constraints that give way as MuJoCo's do."""
-        return self.whitened if self.bilateral is None else self.whiten(self.jacobian)
+        return self.whitened if self.bilateral is None else self._yielding
 
     def whiten(self, rows: np.ndarray) -> np.ndarray:
         """Return whitened rows, (k, nv); a row that equality constraints fix completely becomes 0."""
@@ -144,6 +147,10 @@ class ContactSet:
     @cached_property
     def _confined(self) -> tuple[np.ndarray, np.ndarray]:
         return self.confine(self.jacobian)
+
+    @cached_property
+    def _yielding(self) -> np.ndarray:
+        return self.whiten(self.jacobian)
 
     @cached_property
     def _constraints(self) -> Bilateral:
