@@ -192,8 +192,10 @@ class Surfaces:
 
     def place(self, data: mujoco.MjData) -> None:
         """Put the bodies in their poses at the current time."""
+        if self.still:  # they are there
+            return
         s = (data.time - self._time) / self._duration
-        if self.still or s >= 1.0 - 1e-9:
+        if s >= 1.0 - 1e-9:
             self.aim(data)
             return
         first, last, mean = s * (1 - s) ** 2, s * s * (s - 1), s * s * (3 - 2 * s)

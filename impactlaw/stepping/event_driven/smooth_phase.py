@@ -179,9 +179,12 @@ class SmoothPhases:
         Next to bodies a thousand times as heavy, an error of that force grows from step to step until it throws light
         links. Others that have become so fast, as from rest, lose only accuracy if the phase is repeated without it.
         """
-        norm, mass = self.configuration.kinetic_norm, float(self._model.body_mass.sum())
-        fallen = duration * mujoco.mju_norm(self._model.opt.gravity) * math.sqrt(mass)
-        return norm(self.configuration.data.qvel) > _THROWN * (norm(before) + fallen)
+        norm = self.configuration.kinetic_norm
+        faster = norm(self.configuration.data.qvel) - _THROWN * norm(before)
+        if faster <= 0.0:
+            return False
+        mass = float(self._model.body_mass.sum())
+        return faster > _THROWN * duration * mujoco.mju_norm(self._model.opt.gravity) * math.sqrt(mass)
 
     def _advance_to_contact(
         self, state: np.ndarray, start: ContactState, duration: float, *, hold_all: bool
@@ -219,7 +222,7 @@ class SmoothPhases:
             held = self._again(state, trial._replace(phase=tried._replace(start=begun)))(tried.duration, smooth=True)
             if held.gap >= -self.tolerance:
                 return held, False
-        shortest = tried.duration * self.tolerance / max(travel.max(initial=0.0), -trial.gap, self.tolerance)
+        shortest = tried.duration * self.tolerance / max(*travel.tolist(), -trial.gap, self.tolerance)
         exact = self._model.opt.integrator == _RK4
         gap_functions = GapFunctions(start.gap, start.contact_velocity, exact=exact)
         gap_functions.add(trial.duration, trial.observations)
@@ -294,7 +297,7 @@ class SmoothPhases:
         held = phase_end.sustained if phase.start.force is not None else phase_end.sustained & now.closed
         if np.count_nonzero(held):
             phase_end, keep = hold(phase_end, phase, self._look_again(phase, phase_end))
-        if phase_end.sustained.all():
+        if np.count_nonzero(phase_end.sustained) == len(phase_end.sustained):
             return TrialStep(phase, phase_end, self._near, -1, keep)
         return TrialStep.of(phase, phase_end, keep)
 
