@@ -95,23 +95,22 @@ class Dips:
         if detector.are_closed(data, max(reach, self._near), pattern, gaps):
             return True
         apart = Distances.of(data)
-        if reach <= self._near or apart is None:
-            return False
-        far = apart.beyond(self._near + SKIN)
-        if far is not None and self._opened(far, start, before, duration, reach):
+        if reach <= self._near or apart is None or self._opened(apart, start, before, duration, reach):
             return False
         return detector.are_closed(data, self._near, pattern, gaps)
 
     def _opened(
         self, apart: Distances, start: Frames | None, before: np.ndarray, duration: float, reach: float
     ) -> bool:
-        """Return whether one of these pairs, which are not near now, may have been closed within a phase."""
+        """Return whether one of these pairs that is not near now may have been closed within a phase."""
+        limit = self._near + SKIN
         if start is not None:
-            may_dip = self._may_dip(apart, start, before, duration)
+            far = apart.beyond(limit)
+            may_dip = far is not None and self._may_dip(far, start, before, duration)
         else:
             travel = self._travel.by(before, self._configuration.data.qvel, duration).tolist()
-            drift, pairs = 2.0 * self._drift(duration), zip(apart.geoms.tolist(), apart.distance.tolist(), strict=True)
-            may_dip = any(gap <= travel[first] + travel[second] + drift + SKIN for (first, second), gap in pairs)
+            pairs, most = zip(apart.geoms.tolist(), apart.distance.tolist(), strict=True), 2.0 * self._drift(duration)
+            may_dip = any(limit < gap <= travel[first] + travel[second] + most + SKIN for (first, second), gap in pairs)
         if not may_dip:
             return False
         found = self._detect(reach)

@@ -43,17 +43,19 @@ def hold(
     phase.work.hold(len(phase_end.known))
     if phase_end.now.pattern.friction is not None:
         return hold_with_friction(phase_end, phase, detect_again)
-    now, known, sustained = phase_end
-    felt = PredictedForce.of(now.configuration, phase.start.force, phase.duration)
-    free = constrained_velocity(now, phase) - felt.velocity
+    (now, known, sustained), force, active = phase_end, phase.start.force, phase.start.active
     amiss = now.gap < -CORRECTED * phase.tolerance
-    if phase.start.force is not None and phase.start.active is not None:
-        amiss |= (known >= 0) & phase.start.active[known] & (now.gap > CORRECTED * phase.tolerance)
-    if np.count_nonzero(sustained & amiss):
-        phase_end = hold_position(phase_end, phase, detect_again, felt.shift)
-    now, _, sustained = phase_end
-    if phase.start.force is None and not now.approaches(sustained):
+    if force is not None and active is not None:
+        amiss |= (known >= 0) & active[known] & (now.gap > CORRECTED * phase.tolerance)
+    shifts = np.count_nonzero(sustained & amiss) > 0
+    if force is None and not shifts and not now.approaches(sustained):
         return phase_end, None
+    felt = PredictedForce.of(now.configuration, force, phase.duration)
+    free = constrained_velocity(now, phase) - felt.velocity
+    if shifts:
+        phase_end = hold_position(phase_end, phase, detect_again, felt.shift)
+        if force is None and not phase_end.now.approaches(phase_end.sustained):
+            return phase_end, None
     return _hold_velocity(phase_end, phase, free, felt), None
 
 
