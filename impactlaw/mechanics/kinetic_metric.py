@@ -71,7 +71,7 @@ class KineticMetric:
     def norm(self, velocity: np.ndarray) -> float:
         """Return ``sqrt(v^T M v)``."""
         z = self.whiten(velocity)
-        return sqrt(z @ z)
+        return sqrt(z.dot(z))
 
 
 def check_symmetry(M: Any) -> None:

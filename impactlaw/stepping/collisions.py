@@ -21,6 +21,7 @@ from impactlaw.mechanics.impact import Impact
 from impactlaw.mechanics.kinetic_metric import KineticMetric
 from impactlaw.scene.contacts import Contacts, mass_matrix
 from impactlaw.solvers.friction.problem import ENOUGH
+from impactlaw.solvers.problem import row_lengths
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.work import Work
 
@@ -50,8 +51,8 @@ class Closed(NamedTuple):
         Y = metric.whiten_gradients(J)
         if self.bilateral is not None:
             Y = Bilateral.of(metric.whiten_gradients(self.bilateral)).project(Y)
-        norms = np.linalg.norm(Y, axis=1)
-        rows = np.abs(Y @ Y.T) > INFLUENCE * np.outer(norms, norms)
+        norms = row_lengths(Y)
+        rows = np.abs(Y.dot(Y.T)) > INFLUENCE * norms[:, None] * norms
         if self.friction is None:
             return rows
         found = np.zeros((len(self.contacts), len(self.contacts)), dtype=bool)

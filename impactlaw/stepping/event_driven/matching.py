@@ -28,7 +28,7 @@ class Matched(NamedTuple):
 
         Both rims of a foil are next to each other, and only one of them can be the contact that was held.
         """
-        if not among(held, self.known).all():
+        if not set(held.tolist()).issubset(self.known.tolist()):
             return False
         vague = self.now.pattern.vague
         if not np.count_nonzero(vague):

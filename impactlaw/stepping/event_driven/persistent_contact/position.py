@@ -148,7 +148,7 @@ def _opening_impulse(gradients: np.ndarray, least: np.ndarray, work: Work) -> np
 
 def least_impulse(gradients: np.ndarray, bound: np.ndarray) -> np.ndarray:
     """Return ``p`` with ``0 <= p  ⊥  Y Y^T p >= c``, (h,); see `Problem`."""
-    if len(bound) == 1 and (square := (gradients @ gradients.T).item()) > 0.0:
+    if len(bound) == 1 and (square := gradients.dot(gradients.T).item()) > 0.0:
         inverse = 1.0 / sqrt(square)
         return np.maximum(bound * inverse * inverse, 0.0)
     return solve_with_jump(Problem(gradients, bound), ("",) * len(bound), shared=False).impulse
