@@ -54,11 +54,13 @@ class Distances(NamedTuple):
 
     def beyond(self, distance: float) -> Distances | None:
         """Return the pairs whose distance is larger than a given one, m; None if there are none."""
-        return self.select([i for i, apart in enumerate(self.distance.tolist()) if apart > distance])
+        return self.select((self.distance > distance).nonzero()[0])
 
-    def select(self, chosen: list[int]) -> Distances | None:
-        """Return the chosen pairs, indices; None if there are none."""
-        return Distances(self.geoms[chosen], self.distance[chosen], self.normal[chosen]) if chosen else None
+    def select(self, chosen: np.ndarray | list[int]) -> Distances | None:
+        """Return the chosen pairs, ascending indices; None if there are none."""
+        if len(chosen) == len(self.distance):
+            return self
+        return Distances(self.geoms[chosen], self.distance[chosen], self.normal[chosen]) if len(chosen) else None
 
 
 class Detector:

@@ -72,7 +72,8 @@ class Dips:
         apart = detector.distances(data, max(reach, self._near))
         if apart is None:
             return True
-        if min(apart.distance.tolist()) < self._near + SKIN or self._opened(apart, start, before, duration, reach):
+        least = apart.distance.item(apart.distance.argmin())
+        if least < self._near + SKIN or self._opened(apart, start, before, duration, reach):
             return False
         data.ncon = 0  # as if only near contacts had been looked for
         return True
