@@ -16,10 +16,10 @@ carray: Any = cast(Any, numba).carray
 _Data = namedtuple(
     "_Data",
     "time nefc ncon ne nf nl nJ maxuse_efc pstack pbase warning flg_subtreevel flg_rnepost qpos qvel eq_active "
-    "mocap_pos mocap_quat qacc act_dot qacc_smooth qacc_warmstart qfrc_applied qfrc_constraint qfrc_smooth "
-    "qfrc_bias cvel xipos subtree_com geom_xpos geom_xmat M qLD qLDiagInv qH qHDiagInv contact efc_type efc_id "
-    "efc_pos efc_margin efc_KBIP efc_vel efc_aref efc_R efc_frictionloss efc_force efc_J "
-    "efc_J_rownnz efc_J_rowadr efc_J_colind",
+    "mocap_pos mocap_quat qacc act_dot qacc_smooth qacc_warmstart qfrc_applied qfrc_constraint qfrc_smooth qfrc_bias "
+    "cvel cdof_dot xipos subtree_com geom_xpos geom_xmat M qLD qLDiagInv qH qHDiagInv contact efc_type efc_id efc_pos "
+    "efc_margin efc_KBIP efc_vel efc_aref efc_R efc_frictionloss efc_force efc_J efc_J_rownnz efc_J_rowadr "
+    "efc_J_colind",
 )
 """Indices of fields of mjData in the table of offsets."""
 
@@ -27,12 +27,11 @@ _Model = namedtuple(
     "_Model",
     "nq nv na nu nbody njnt ngeom npair nflex ntendon ntree neq nmocap nC nplugin nhistory nsensordata flg_adhesion "
     "actuator_trntype body_margin geom_margin geom_gap pair_margin pair_gap jnt_margin tendon_margin geom_bodyid "
-    "geom_type geom_pos geom_rbound geom_size body_ipos body_pos body_parentid body_rootid body_treeid body_weldid "
-    "body_mocapid M_rownnz M_rowadr M_colind dof_treeid dof_bodyid dof_M0 dof_invweight0 dof_simplenum "
-    "body_subtreemass tree_dofadr tree_dofnum dof_damping dof_dampingpoly jnt_actuatorid jnt_type jnt_limited "
-    "jnt_qposadr jnt_dofadr jnt_range opt_timestep opt_gravity opt_integrator opt_cone opt_solver "
-    "opt_noslip_iterations opt_disableflags opt_enableflags "
-    "stat_meansize",
+    "geom_type geom_pos geom_rbound geom_size body_ipos body_pos body_parentid body_dofadr body_dofnum body_rootid "
+    "body_treeid body_weldid body_mocapid M_rownnz M_rowadr M_colind dof_treeid dof_bodyid dof_M0 dof_invweight0 "
+    "dof_simplenum body_subtreemass tree_dofadr tree_dofnum dof_damping dof_dampingpoly jnt_actuatorid jnt_type "
+    "jnt_limited jnt_qposadr jnt_dofadr jnt_range opt_timestep opt_gravity opt_integrator opt_cone opt_solver "
+    "opt_noslip_iterations opt_disableflags opt_enableflags stat_meansize",
 )
 """Indices of fields of mjModel in the table of offsets; opt_ and stat_ are fields of mjOption and mjStatistic."""
 

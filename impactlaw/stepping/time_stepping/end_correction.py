@@ -5,10 +5,13 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.compiled import compiled
+from impactlaw.compiled import compiled, for_python
 from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import plain
+from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.whitening import Inertia
+from impactlaw.stepping.time_stepping.free_motion import update_frames
+from impactlaw.stepping.time_stepping.problem.contact_points import find_nearest
 from impactlaw.stepping.time_stepping.problem.overlaps import open_overlaps
 from impactlaw.stepping.time_stepping.problem.reader import RowReader, read_rows
 from impactlaw.stepping.time_stepping.problem.rows import Rows
@@ -24,72 +27,58 @@ SLOP = 1e-8
 """Depth, m or rad, that is left uncorrected."""
 BEYOND = 4.0
 """Range, as a multiple of the depth, within which opening some contacts can close others."""
-_EDGES = tuple(int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("HFIELD", "CYLINDER", "BOX", "MESH"))
-"""Shapes with edges."""
-_SPHERE, _CAPSULE, _ELLIPSOID, _BOX = (
-    int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("SPHERE", "CAPSULE", "ELLIPSOID", "BOX")
+_FIELD, _SPHERE, _CAPSULE, _ELLIPSOID, _BOX, _SDF = (
+    int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}"))
+    for name in ("HFIELD", "SPHERE", "CAPSULE", "ELLIPSOID", "BOX", "SDF")
 )
+ROUNDS = 3
+"""Largest number of corrections in a step: where a contact jumps, one does not open all of an overlap."""
+LITTLE = 0.5
+"""Part of the depth before a correction that may remain if there is to be another one."""
+COUNTED = 1e-5
+"""Depth, m, up to which an overlap that remains is not counted."""
 LAST_LOSS = int(mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON)
 
 
 @plain
-def _turning(velocity, body):
-    """Return the square of the angular velocity of a body, rad^2/s^2, from MuJoCo's cvel."""
-    return velocity[body, 0] ** 2 + velocity[body, 1] ** 2 + velocity[body, 2] ** 2
+def _norm(x, y, z):
+    return np.sqrt(x * x + y * y + z * z)
 
 
 @plain
-def _slides(velocity, body, up):
-    """Return how fast a body slides along its parent, m/s; 0 if it also turns relative to it."""
-    square = 0.0
-    for k in range(3):
-        if velocity[body, k] != velocity[up, k]:
-            return 0.0
-        square += (velocity[body, k + 3] - velocity[up, k + 3]) ** 2  # both at the same point
-    return np.sqrt(square)
-
-
-@plain
-def _acceleration(body, velocity, size, center, offset, parent):
-    """Return a bound on the acceleration of points of a body at constant joint velocities, m/s^2.
-
-    It is ``w^2`` times the length of links, and ``2 w v`` for a link that slides along another one that turns.
-    """
-    turning = _turning(velocity, body)
-    most = turning * size[body]
+def _acceleration(i, motion):
+    """Return a bound on the acceleration of points of a body at constant joint velocities, m/s^2."""
+    velocity, rate, qvel, parent, first, many, center, subtree, root, size = motion
+    a0 = a1 = a2 = a3 = a4 = a5 = 0.0  # rate of change of MuJoCo's cvel
+    body = i
     while body > 0:
-        up, below, length = parent[body], turning, 0.0
-        turning = _turning(velocity, up)
-        most += 2.0 * np.sqrt(turning) * _slides(velocity, body, up)
-        for k in range(3):
-            length += (center[body, k] - center[up, k]) ** 2 if up > 0 else offset[body, k] ** 2
-        most += max(turning, below) * np.sqrt(length)
-        body = up
-    return most
+        for j in range(first[body], first[body] + many[body]):
+            v = qvel[j]
+            a0, a1, a2 = a0 + rate[j, 0] * v, a1 + rate[j, 1] * v, a2 + rate[j, 2] * v
+            a3, a4, a5 = a3 + rate[j, 3] * v, a4 + rate[j, 4] * v, a5 + rate[j, 5] * v
+        body = parent[body]
+    about, c, w = subtree[root[i]], center[i], velocity[i]
+    x, y, z = c[0] - about[0], c[1] - about[1], c[2] - about[2]
+    v0, v1, v2 = w[3] + w[1] * z - w[2] * y, w[4] + w[2] * x - w[0] * z, w[5] + w[0] * y - w[1] * x
+    most = _norm(
+        a3 + a1 * z - a2 * y + w[1] * v2 - w[2] * v1,
+        a4 + a2 * x - a0 * z + w[2] * v0 - w[0] * v2,
+        a5 + a0 * y - a1 * x + w[0] * v1 - w[1] * v0,
+    )  # fmt: skip
+    return most + (_norm(a0, a1, a2) + w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) * size[i]
 
 
 @plain
-def _arm(shapes, sizes):
-    """Return the distance from a body's centre of a contact that can jump between edges of two shapes, m.
-
-    Return -1 if it cannot jump.
-    """
-    if shapes[0] in _EDGES and shapes[1] in _EDGES:
-        return min(sizes)
-    if shapes == (PLANE, CYLINDER) or shapes == (CYLINDER, PLANE):  # the contact runs round the rim
-        return max(sizes)
-    return -1.0
-
-
-@plain
-def _sliding(one, other, velocity, arm, rates, first, many):
-    """Return how fast two bodies slide along each other where a contact can be, m/s."""
-    along = turning = 0.0
-    for k in range(first + 1, first + min(many, 3)):
-        along += rates[2, k] ** 2
+def _jump(one, other, shapes, sizes, velocity):
+    """Return how fast a contact gets deeper by jumping to another point of the smaller of two bodies, m/s."""
+    if shapes[0] == _SPHERE or shapes[1] == _SPHERE:
+        return 0.0
+    endless = shapes[0] == PLANE or shapes[1] == PLANE or shapes[0] == _FIELD or shapes[1] == _FIELD
+    arm = max(sizes) if endless else min(sizes)
+    turning = 0.0
     for k in range(3):
         turning += (velocity[one, k] - velocity[other, k]) ** 2
-    return np.sqrt(along) + np.sqrt(turning) * arm
+    return 2.0 * arm * np.sqrt(turning)
 
 
 @plain
@@ -125,73 +114,102 @@ def _plane_gap(one, other, shape, extent, place, turn):
     return gap - _support(shape[other], extent[other], normal)
 
 
-@compiled(
-    "(int32[:,::1],float64[:,::1],float64[:,::1],int32[:,::1],int32[::1],int32[::1],float64[:,::1],float64[:,::1],"
-    "float64[:,::1],float64[:,::1],float64[::1],float64[:,::1],float64[:,::1],int32[::1],float64)"
-)
-def bend(
-    groups, amounts, rates, geoms, body_of_geom, shape, extent, place, turned, velocity, size, center, offset, parent,
-    timestep,
-):  # fmt: skip
-    """Return a bound on the deviation of contacts from their gradients at the end of a step, m; 0 if below `_SEEN`.
+@plain
+def _foresee(first, end, g, gaps, rows, timestep):
+    """Return what gradients say of the contacts of two geoms.
 
-    A point with acceleration a at constant joint velocities leaves its straight line by ``a (h / 2)^2 / 2``. Between
-    two shapes with edges a contact can also jump from one edge to another, as far as the bodies slide along each other.
-    On a plane it can run round the rim of a cylinder. Gaps to planes that are known in closed form need no bound; those
-    that are deep are opened over time.
+    This is the least gap at the end of the step, m, how fast contacts slide, m/s, and whether any was deep before it.
 
     Args:
-        groups: see `rows.Rows`, like the next two.
-        amounts: gaps first.
-        rates: ``J v_free`` third.
-        geoms: geoms of MuJoCo's contacts, (ncon, 2).
-        body_of_geom: body of each geom, (ngeom,).
-        shape: MuJoCo's geom_type of each geom, (ngeom,).
-        extent: MuJoCo's geom_size, (ngeom, 3).
-        place: positions of geoms at the end of the step, MuJoCo's geom_xpos, (ngeom, 3).
-        turned: their frames, MuJoCo's geom_xmat, (ngeom, 9).
-        velocity: MuJoCo's cvel at the end of the step, (nbody, 6).
-        size: result of `margins.write_sizes`, (nbody,).
-        center: centers of mass of bodies, (nbody, 3).
-        offset: centers of mass relative to the frames of bodies, (nbody, 3).
-        parent: parent of each body, (nbody,).
+        first: index of the first contact.
+        end: index behind the last contact.
+        g: the first group whose source is one of these contacts or a later one.
+        gaps: gaps in the middle of the step, m. Contacts without a group would not close within two steps, unless they
+            are closed and have no effect.
+        rows: groups, amounts and rates, see `rows.Rows`.
         timestep: h, s.
     """
-    most = 0.0
-    for g in range(groups.shape[1]):
-        source = groups[3, g]
-        if source < 0:
+    (groups, amounts, rates), least, sliding, old = rows, np.inf, 0.0, False
+    for c in range(first, end):
+        while g < groups.shape[1] and groups[3, g] < c:
+            g += 1
+        if g == groups.shape[1] or groups[3, g] > c:
+            least = min(least, 0.5 * gaps[c] if gaps[c] > 0.0 else np.inf)
             continue
-        one, other = geoms[source, 0], geoms[source, 1]
+        row, along = groups[0, g], 0.0
+        for k in range(row + 1, row + min(groups[1, g], 3)):
+            along += rates[2, k] ** 2
+        least, sliding = min(least, amounts[0, g] + timestep * min(rates[2, row], 0.0)), max(sliding, np.sqrt(along))
+        old = old or amounts[0, g] - 0.5 * timestep * rates[1, row] < -_DEEP
+    return least, sliding, old
+
+
+@plain
+def bend(contacts, rows, geometry, motion, mocap, surface_speed, at, timestep, again):
+    """Return the depth of the deepest overlap at the end of a step, m, and how far to open those of the start, m.
+
+    Both are 0 if no overlap asks for a correction. Overlaps arise because contacts deviate from their gradients. A
+    point with acceleration a at constant joint velocities leaves its straight line by ``a (h / 2)^2 / 2``, and a
+    contact can jump to another point of a body that turns. Only where this can be more than `_SEEN`, the gap is
+    measured; gaps to planes mostly have a closed form. Overlaps that were deep at the start are opened over time, here
+    by this deviation.
+
+    Args:
+        contacts: geoms of MuJoCo's contacts in the middle of the step, (ncon, 2), and their gaps, (ncon,).
+        rows: groups, amounts and rates of the step, see `rows.Rows`.
+        geometry: MuJoCo's geom_bodyid, geom_type and geom_size, and geom_xpos and geom_xmat at the end of the step.
+        motion: cvel, cdof_dot and qvel at the end of the step, body_parentid, body_dofadr, body_dofnum, xipos,
+            subtree_com, body_rootid, and the result of `margins.write_sizes`.
+        mocap: index of the mocap body that each body is, or -1, (nbody,).
+        surface_speed: speed of the fastest point of mocap bodies, m/s; gaps to bodies that move are measured.
+        at: addresses of the model and of its data at the end of the step.
+        timestep: h, s.
+        again: whether overlaps have been corrected already; then only new overlaps count, and smaller ones do not.
+    """
+    (geoms, gaps), (body_of_geom, shape, extent, place, turned) = contacts, geometry
+    velocity, root, size = motion[0], motion[8], motion[9]
+    g, end, deepest, slow, least = 0, 0, 0.0, 0.0, _SEEN if again else SLOP
+    while end < len(geoms):
+        first, one, other = end, geoms[end, 0], geoms[end, 1]
+        while end < len(geoms) and geoms[end, 0] == one and geoms[end, 1] == other:
+            end += 1
+        while g < rows[0].shape[1] and rows[0][3, g] < first:
+            g += 1
         gap = _plane_gap(one, other, shape, extent, place, turned)
-        if gap >= -SLOP:
+        if gap >= -least:
             continue
-        turn, bodies = 0.0, (body_of_geom[one], body_of_geom[other])
-        for body in bodies:
-            turn += 0.125 * timestep**2 * _acceleration(body, velocity, size, center, offset, parent)
-        arm = _arm((shape[one], shape[other]), (size[bodies[0]], size[bodies[1]]))
-        if arm >= 0.0:
-            turn += 0.5 * timestep * _sliding(*bodies, velocity, arm, rates, groups[0, g], groups[1, g])
-        if gap > -_DEEP:
-            turn = max(turn, -gap)
-        elif amounts[0, g] + timestep * min(rates[2, groups[0, g]], 0.0) >= turn:
+        falls, along, old = _foresee(first, end, g, gaps, rows, timestep)
+        if falls == np.inf or (again and old):
             continue
-        if turn > _SEEN:
-            most = max(most, turn)
-    return most
+        a, b = body_of_geom[one], body_of_geom[other]
+        turn = 0.125 * timestep**2 * (_acceleration(a, motion) + _acceleration(b, motion))
+        turn += 0.5 * timestep * (along + _jump(a, b, (shape[one], shape[other]), (size[a], size[b]), velocity))
+        bends = turn > _SEEN and falls < turn
+        measured = bends or (surface_speed > 0.0 and (mocap[root[a]] >= 0 or mocap[root[b]] >= 0))
+        if gap == -np.inf and not old and measured and shape[one] != _SDF and shape[other] != _SDF:
+            gap = mj.geom_distance(at[0], at[1], one, other, 0.0, 0)
+        if gap == -np.inf or old:
+            if bends and not again:
+                deepest, slow = max(deepest, turn), max(slow, turn)
+        elif gap < -least and max(turn, -gap) > _SEEN:
+            deepest = max(deepest, -gap)
+    return deepest, slow
+
+
+_bend = for_python(bend)
 
 
 @compiled()
-def end_targets(groups, key, amounts, depth, before_key, before, timestep):
+def end_targets(groups, key, amounts, slow, before_key, before, timestep):
     """Return how fast positions must move to open overlaps, m/s, (g,), and whether any must.
 
-    Overlaps that have existed since the start of the step are opened by at most a depth, m, other overlaps completely.
+    Overlaps that were deep at the start of the step are opened by at most a distance, m, other overlaps completely.
 
     Args:
         groups: see `rows.Rows`, like the next two.
         key: keys of groups.
         amounts: gaps first.
-        depth: largest opening of old overlaps, m.
+        slow: largest opening of old overlaps, m.
         before_key: keys of the groups of the step, (k,).
         before: their gaps at the start of the step, m or rad, (k,).
         timestep: h, s.
@@ -206,7 +224,7 @@ def end_targets(groups, key, amounts, depth, before_key, before, timestep):
             some = True
             for k in range(len(before)):
                 if before_key[k] == key[g] and before[k] < -_DEEP:
-                    need[g] = min(-gap, depth) / timestep
+                    need[g] = min(-gap, slow) / timestep
     return need, some
 
 
@@ -217,22 +235,55 @@ class EndCorrection:
         self._model, self._size, self._options, self._reader = model, size, options, reader
         self._scratch: mujoco.MjData | None = None
 
-    def shift(self, data: mujoco.MjData, rows: Rows, geoms: np.ndarray, metric: Inertia) -> np.ndarray | None:
-        """Return the velocity, (nv,), that opens the overlaps of data within one timestep; None if there are none.
+    def correct(
+        self,
+        data: mujoco.MjData,
+        rows: Rows,
+        found: tuple[np.ndarray, np.ndarray],
+        metric: Inertia,
+        surface_speed: float,
+    ) -> bool:
+        """Open the overlaps of data; return whether new ones of more than `COUNTED` remain.
 
         Args:
             data: state and frames at the end of the step.
             rows: the rows of the step.
-            geoms: geoms of the contacts that these rows belong to, (ncon, 2).
+            found: geoms and gaps of the contacts that these rows belong to, (ncon, 2) and (ncon,).
             metric: the mass matrix of the step.
+            surface_speed: see `bend`.
         """
-        model, h = self._model, self._model.opt.timestep
-        depth = bend(
-            rows.groups, rows.amounts, rows.rates, geoms, model.geom_bodyid, model.geom_type, model.geom_size,
-            data.geom_xpos, data.geom_xmat, data.cvel, self._size, data.xipos, model.body_ipos, model.body_parentid, h,
+        depth, slow = self._bend(data, rows, found, surface_speed, again=False)
+        for _ in range(ROUNDS if depth > 0.0 else 0):
+            before, shift = depth, self._shift(data, rows, depth, slow, metric)
+            if shift is not None:
+                mujoco.mj_integratePos(self._model, data.qpos, shift, self._model.opt.timestep)
+                update_frames(self._model, data)
+            depth, slow = self._bend(data, rows, found, surface_speed, again=True)
+            if shift is None or depth == 0.0 or depth > LITTLE * before:
+                break
+        return depth > COUNTED
+
+    def _bend(
+        self,
+        data: mujoco.MjData,
+        rows: Rows,
+        found: tuple[np.ndarray, np.ndarray],
+        surface_speed: float,
+        *,
+        again: bool,
+    ) -> tuple[float, float]:
+        model, forces = self._model, (rows.groups, rows.amounts, rows.rates)
+        geometry = model.geom_bodyid, model.geom_type, model.geom_size, data.geom_xpos, data.geom_xmat
+        motion = (
+            data.cvel, data.cdof_dot, data.qvel, model.body_parentid, model.body_dofadr, model.body_dofnum, data.xipos,
+            data.subtree_com, model.body_rootid, self._size,
         )  # fmt: skip
-        if depth == 0.0:
-            return None
+        at, h = (model._address, data._address), model.opt.timestep
+        return _bend(found, forces, geometry, motion, model.body_mocapid, surface_speed, at, h, again)
+
+    def _shift(self, data: mujoco.MjData, rows: Rows, depth: float, slow: float, metric: Inertia) -> np.ndarray | None:
+        """Return the velocity, (nv,), that opens the overlaps of data within one timestep; None if there are none."""
+        model, h = self._model, self._model.opt.timestep
         self._options.tighten_margins(BEYOND * depth)
         now, nothing = self._look(data), np.zeros(model.nv)
         if not np.any(now.contact.dist < -SLOP):
@@ -244,10 +295,8 @@ class EndCorrection:
         near = self._reader.without_tied(now, (now.efc_type <= LAST_LOSS) | (now.efc_pos < BEYOND * depth))
         seen = read_rows(model, now, metric, nothing, nothing, near, belts=False)
         started = rows.gap - 0.5 * h * rows.before[rows.first]
-        need, some = end_targets(seen.groups, seen.key, seen.amounts, depth, rows.key, started, h)
-        if not some:
-            return None
-        return open_overlaps(seen, need, h, metric)
+        need, some = end_targets(seen.groups, seen.key, seen.amounts, slow, rows.key, started, h)
+        return open_overlaps(seen, need, h, metric) if some else None
 
     def _look(self, data: mujoco.MjData) -> mujoco.MjData:
         """Return data with the current contacts."""
@@ -262,4 +311,6 @@ class EndCorrection:
             find_standing(model, now)
         else:
             mujoco.mj_collision(model, now)
+        if now.ncon:
+            find_nearest(model, now)
         return now

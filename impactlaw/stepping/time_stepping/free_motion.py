@@ -19,7 +19,7 @@ from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.stepping.compiled.whitening import Inertia
 from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
 from impactlaw.stepping.time_stepping.margins import find_outrun, find_sizes, set_margins
-from impactlaw.stepping.time_stepping.problem.contact_points import mend_contacts
+from impactlaw.stepping.time_stepping.problem.contact_points import find_nearest, mend_contacts
 from impactlaw.stepping.time_stepping.problem.forces import without_far_limits
 from impactlaw.stepping.time_stepping.standing_cylinders import find_standing
 from impactlaw.stepping.time_stepping.temporary_options import TemporaryOptions
@@ -161,6 +161,8 @@ def _mend_contacts(model: mujoco.MjModel, data: mujoco.MjData, *, mended: bool) 
     Rows of constraints are made again if anything changes, or contacts were mended before.
     """
     found, bodies = data.contact, (model.geom_bodyid, model.body_weldid, model.body_treeid)
+    if data.ncon:
+        mended |= find_nearest(model, data)
     if data.ncon and mend_contacts(found.dist, found.pos, found.frame, found.dim, found.geom, *bodies):
         mended = True
     if mended:

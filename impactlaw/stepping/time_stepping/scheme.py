@@ -79,7 +79,7 @@ class TimeStepping:
             `SHORTFALL_LIMIT` of the largest contact velocity. Friction was not found: its natural map is above
             `SHORTFALL_LIMIT` of the largest velocity. MuJoCo had no room for all contacts. Contacts have lost their
             restitution, because they were hit through others or because bodies jam. Contacts were left out that a
-            collision closes.
+            collision closes. Bodies have come to overlap by more than `end_correction.COUNTED`.
         solved: whether the last step with contact is not among these steps, apart from friction that was not found.
         unlocated: always 0, since no collision is located.
         inertial: Coriolis and gyroscopic forces.
@@ -115,6 +115,8 @@ class TimeStepping:
         self._known: Known | None = None
         self._found: StepImpulses | None = None
         self._rows: Rows | None = None
+        self._contacts = np.zeros((0, 2), np.int32), np.zeros(0)  # geoms and gaps of contacts in the middle of the step
+        self._counted = False
         self._metric = Inertia(*np.zeros((5, 0)))
         self._middle, self._velocity = np.zeros(0), np.zeros(0)
         self._gained = np.zeros(model.nv)  # change of velocity by forces in the last step, without contact
@@ -270,12 +272,9 @@ class TimeStepping:
             self._surfaces.end(data)
         update_frames(model, data)
         model.opt.cone = _ELLIPTIC
-        shift = None
         if self._rows is not None and met:  # overlaps that are squeezed cannot be opened
-            shift = self._end_correction.shift(data, self._rows, self._geoms, self._metric)
-        if shift is not None:
-            mj_integratePos(model, data.qpos, shift, h)
-            update_frames(model, data)
+            remains = self._end_correction.correct(data, self._rows, self._contacts, self._metric, self._meet)
+            self.short_steps += remains and not self._counted
         if self.inertial.act and np.count_nonzero(self.inertial.turning):
             limit_energy(model, data, self.inertial, start, self._velocity)
         self._finish(data)
@@ -299,7 +298,8 @@ class TimeStepping:
                 self._model, data, self._options, self._velocity, free, self._middle, self._sizes, self._surfaces
             )
             outcome, farther = working_set.find(data, outcome.known), farther + 1
-        self._found, self._geoms = outcome.impulses, data.contact.geom.copy()
+        self._found, self._rows = outcome.impulses, outcome.rows
+        self._contacts = data.contact.geom.copy(), data.contact.dist.copy()
         found = self._found
         data.qpos[:] = self._middle  # the integrator has changed it: limits are counted at the midpoint
         write_forces(
@@ -307,8 +307,9 @@ class TimeStepping:
         )
         met = outcome.met and not self._overflown
         self.solved = met and not outcome.loses and not outruns
-        self.short_steps += not (self.solved and outcome.rubs)
-        self._rows, self._known = (outcome.rows, outcome.known) if found else (None, None)
+        self._counted = not (self.solved and outcome.rubs)
+        self.short_steps += self._counted
+        self._known = outcome.known if found else None
         if found:
             rows = outcome.rows
             take_turns(rows.groups, rows.rates, found.impulse, found.reached, found.sliding)

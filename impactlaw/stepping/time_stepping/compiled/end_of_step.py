@@ -52,9 +52,20 @@ from impactlaw.stepping.time_stepping.compiled.impulses.contact_problem import c
 from impactlaw.stepping.time_stepping.compiled.model_copy import limit_margins, widen_limits
 from impactlaw.stepping.time_stepping.compiled.standing_cylinders import find_standing
 from impactlaw.stepping.time_stepping.compiled.state.room import rows_at, rows_size
+from impactlaw.stepping.time_stepping.compiled.state.surfaces import surface_speed
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World, metric_of, setting
-from impactlaw.stepping.time_stepping.end_correction import BEYOND, LAST_LOSS, SLOP, bend, end_targets
+from impactlaw.stepping.time_stepping.end_correction import (
+    BEYOND,
+    COUNTED,
+    LAST_LOSS,
+    LITTLE,
+    ROUNDS,
+    SLOP,
+    bend,
+    end_targets,
+)
 from impactlaw.stepping.time_stepping.margins import LEAST
+from impactlaw.stepping.time_stepping.problem.contact_points import add_nearest
 from impactlaw.stepping.time_stepping.problem.overlaps import open_overlaps
 
 _PYRAMIDAL, _ELLIPTIC = int(mujoco.mjtCone.mjCONE_PYRAMIDAL), int(mujoco.mjtCone.mjCONE_ELLIPTIC)
@@ -144,6 +155,11 @@ def _find_contacts(w, now):
     put(seen, flags(data_at(w, DATA.eq_active), equalities))
     mj.kinematics(w.model, now.data)
     find_standing(now, False)
+    ngeom = size(now, MODEL.ngeom)
+    dist, frame = contact_floats(now, CONTACT.dist, 1)[:, 0], contact_floats(now, CONTACT.frame, 9)
+    pos, geom = contact_floats(now, CONTACT.pos, 3), contact_ints(now, CONTACT.geom, 2)
+    shape, margin = model_ints(now, MODEL.geom_type, ngeom), model_floats(now, MODEL.geom_margin, ngeom)
+    add_nearest(dist, pos, frame, geom, shape, margin, (now.model, now.data))
 
 
 @plain
@@ -165,7 +181,7 @@ def _find_near(now, depth, near):
 
 
 @kernel
-def _move_apart(now, qpos, metric, rows, depth):
+def _move_apart(now, qpos, metric, rows, depth, slow):
     """Open the overlaps found in other data by changing qpos, (nq,); return whether there are any."""
     mj.com_pos(now.model, now.data)
     if size(now, MODEL.ntendon) > 0:
@@ -182,7 +198,7 @@ def _move_apart(now, qpos, metric, rows, depth):
     before = numbers(len(rows.key))
     for g in range(len(before)):
         before[g] = rows.amounts[0, g] - 0.5 * h * rows.rates[1, rows.groups[0, g]]
-    need, found = end_targets(seen.groups, seen.key, seen.amounts, depth, rows.key, before, h)
+    need, found = end_targets(seen.groups, seen.key, seen.amounts, slow, rows.key, before, h)
     if found:
         shift = open_overlaps(seen, need, h, metric)
         mj.integrate_pos(now.model, address_of(qpos), address_of(shift), h)
@@ -192,38 +208,67 @@ def _move_apart(now, qpos, metric, rows, depth):
 
 
 @plain
-def copy_pairs(w, pairs):
-    """Copy the geoms of contacts, two for each, (2 ncon,)."""
-    geoms = contact_ints(w, CONTACT.geom, 2)
+def copy_contacts(w, pairs, gaps):
+    """Copy the geoms of contacts, two for each, (2 ncon,), and their gaps, (ncon,)."""
+    geoms, dist = contact_ints(w, CONTACT.geom, 2), contact_floats(w, CONTACT.dist, 1)
     for i in range(len(geoms)):
-        pairs[2 * i], pairs[2 * i + 1] = geoms[i, 0], geoms[i, 1]
+        pairs[2 * i], pairs[2 * i + 1], gaps[i] = geoms[i, 0], geoms[i, 1], dist[i, 0]
 
 
 @plain
-def correct_end(w, rows, pairs):
-    """Open overlaps at the end of a step that gradients at the midpoint have not shown.
-
-    ``pairs`` are the geoms of the contacts that the rows belong to, see `copy_pairs`.
-    """
-    nbody, ngeom, h = size(w, MODEL.nbody), size(w, MODEL.ngeom), w.timestep
-    depth = bend(
-        rows.groups, rows.amounts, rows.rates, pairs.reshape((-1, 2)),
+def _bend(w, rows, pairs, gaps, again):
+    """Return what `end_correction.bend` returns."""
+    nbody, ngeom = size(w, MODEL.nbody), size(w, MODEL.ngeom)
+    geometry = (
         model_ints(w, MODEL.geom_bodyid, ngeom), model_ints(w, MODEL.geom_type, ngeom),
-        model_floats(w, MODEL.geom_size, 3 * ngeom).reshape((ngeom, 3)), rows_of(w, DATA.geom_xpos, ngeom, 3),
-        rows_of(w, DATA.geom_xmat, ngeom, 9), rows_of(w, DATA.cvel, nbody, 6),
-        floats(w.sizes, nbody), rows_of(w, DATA.xipos, nbody, 3),
-        model_floats(w, MODEL.body_ipos, 3 * nbody).reshape((nbody, 3)), model_ints(w, MODEL.body_parentid, nbody), h,
+        model_floats(w, MODEL.geom_size, 3 * ngeom).reshape((ngeom, 3)),
+        rows_of(w, DATA.geom_xpos, ngeom, 3), rows_of(w, DATA.geom_xmat, ngeom, 9),
     )  # fmt: skip
-    if depth == 0.0:
-        return
+    motion = (
+        rows_of(w, DATA.cvel, nbody, 6), rows_of(w, DATA.cdof_dot, w.nv, 6), velocity_of(w),
+        model_ints(w, MODEL.body_parentid, nbody), model_ints(w, MODEL.body_dofadr, nbody),
+        model_ints(w, MODEL.body_dofnum, nbody), rows_of(w, DATA.xipos, nbody, 3),
+        rows_of(w, DATA.subtree_com, nbody, 3), model_ints(w, MODEL.body_rootid, nbody), floats(w.sizes, nbody),
+    )  # fmt: skip
+    contacts, steps = (pairs.reshape((-1, 2)), gaps), (rows.groups, rows.amounts, rows.rates)
+    mocap = model_ints(w, MODEL.body_mocapid, nbody)
+    return bend(
+        contacts, steps, geometry, motion, mocap, surface_speed(w), (w.model, w.data), w.timestep, again
+    )  # fmt: skip
+
+
+@plain
+def _opens(w, rows, depth, slow):
+    """Open overlaps of some depth; return whether there are any."""
     put_int(w.model + offset(w, MODEL.opt_cone), np.int32(_ELLIPTIC))
     if setting(w, SETTING.sticks) == 0.0:
         limit_margins(w.model, w.table, BEYOND * depth)
     widen_limits(w.model, w.table, BEYOND * depth)
-    now = World(w.model, w.scratch, w.scratch, w.table, w.settings, w.sizes, w.bilateral, w.nv, h, w.damped, 0, 0)
+    now = World(
+        w.model, w.scratch, w.scratch, w.table, w.settings, w.sizes, w.bilateral, w.nv, w.timestep, w.damped, 0, 0
+    )  # fmt: skip
     _find_contacts(w, now)
-    if _overlap(now) and _move_apart(now, data_floats(w, DATA.qpos, size(w, MODEL.nq)), metric_of(w), rows, depth):
+    if not _overlap(now):
+        return False
+    opened = _move_apart(now, data_floats(w, DATA.qpos, size(w, MODEL.nq)), metric_of(w), rows, depth, slow)
+    if opened:
         update_frames(w)
+    return opened
+
+
+@plain
+def correct_end(w, rows, pairs, gaps):
+    """Open overlaps at the end of a step that gradients at the midpoint have not shown.
+
+    Return whether new ones of more than `COUNTED` remain. For contacts that the rows belong to see `copy_contacts`.
+    """
+    depth, slow = _bend(w, rows, pairs, gaps, False)
+    for _ in range(ROUNDS if depth > 0.0 else 0):
+        before, opened = depth, _opens(w, rows, depth, slow)
+        depth, slow = _bend(w, rows, pairs, gaps, True)
+        if not opened or depth == 0.0 or depth > LITTLE * before:
+            break
+    return depth > COUNTED
 
 
 @plain

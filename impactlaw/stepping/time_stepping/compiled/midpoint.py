@@ -47,7 +47,7 @@ from impactlaw.stepping.time_stepping.compiled.state.surfaces import (
 )
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.margins import ALWAYS, outruns, write_arms, write_margins, write_sizes
-from impactlaw.stepping.time_stepping.problem.contact_points import put_on_bodies, put_on_planes
+from impactlaw.stepping.time_stepping.problem.contact_points import add_nearest, put_on_bodies, put_on_planes
 from impactlaw.stepping.time_stepping.tolerances import SHARES
 
 _EULER, _CONSTRAINT = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
@@ -266,9 +266,12 @@ def _mend_contacts(w):
         return False
     frame, dist = contact_floats(w, CONTACT.frame, 9), contact_floats(w, CONTACT.dist, 1)[:, 0]
     pos, geom = contact_floats(w, CONTACT.pos, 3), contact_ints(w, CONTACT.geom, 2)
-    body, many = model_ints(w, MODEL.geom_bodyid, size(w, MODEL.ngeom)), size(w, MODEL.nbody)
+    ngeom, many = size(w, MODEL.ngeom), size(w, MODEL.nbody)
+    body = model_ints(w, MODEL.geom_bodyid, ngeom)
     weld, tree = model_ints(w, MODEL.body_weldid, many), model_ints(w, MODEL.body_treeid, many)
-    turned = make_orthogonal(frame)
+    shape, margin = model_ints(w, MODEL.geom_type, ngeom), model_floats(w, MODEL.geom_margin, ngeom)
+    nearer = add_nearest(dist, pos, frame, geom, shape, margin, (w.model, w.data))
+    turned = make_orthogonal(frame) or nearer
     moved = put_on_bodies(dist, pos, frame, contact_ints(w, CONTACT.dim, 1)[:, 0], geom, body, weld, tree)
     return put_on_planes(dist, pos, frame, geom, body, weld) or moved or turned
 

@@ -25,7 +25,7 @@ from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import data_floats, nonzeros_of, number, size, velocity_of
 from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, float_at, floats, int_at, keep, long_at
 from impactlaw.stepping.time_stepping.compiled.end_of_step import (
-    copy_pairs,
+    copy_contacts,
     correct_end,
     finish,
     limit_energy,
@@ -113,7 +113,7 @@ def _finish(w, memory, counts, left, frames, collided, missed):
 @plain
 def _constrain(
     w, law, memory, counts, held, start, middle, bias, turning, gravity, full, cone, jacobian, chosen, seen, mark,
-    force, pairs, room, narrow, may, work,
+    force, pairs, gaps, room, narrow, may, work,
 ):  # fmt: skip
     """Take the rest of a step with constraints, from its middle.
 
@@ -143,7 +143,7 @@ def _constrain(
         for i in range(w.nv):
             held[i] = after[i] - free[i]
     put(data_floats(w, DATA.qpos, len(middle)), middle)  # the integrator changed it: limits need the midpoint
-    copy_pairs(w, pairs)  # MuJoCo's list of contacts becomes shorter
+    copy_contacts(w, pairs, gaps)  # MuJoCo's list of contacts becomes shorter
     write_forces(w, rows, answer.x, start, cone, force)
     if touched:
         if setting(w, SETTING.sums) != 0.0:
@@ -155,10 +155,11 @@ def _constrain(
     met = is_met(solved.missed, solved.fastest) and not full
     counts[MEMORY.solved] = met and not found.later and not outruns
     status = _end(w, start, middle, answer.shift, solved.opens)
-    if status == FINE and touched and met:  # overlaps that are squeezed cannot be opened
-        correct_end(w, rows, pairs)
+    remains = False
+    if status == FINE and met:  # overlaps that are squeezed cannot be opened
+        remains = correct_end(w, rows, pairs, gaps)
     if status == FINE:
-        memory[MEMORY.short_steps] += counts[MEMORY.solved] == 0 or solved.residual > SHORTFALL_LIMIT
+        memory[MEMORY.short_steps] += remains or counts[MEMORY.solved] == 0 or solved.residual > SHORTFALL_LIMIT
         memory[MEMORY.inadmissible] += solved.collided and (solved.share < 1.0 or solved.created > 0.0)
     return status, solved.collided, solved.missed
 
@@ -195,11 +196,11 @@ def _step(w, law, memory, margins, cone, loaded):
         jacobian, chosen, seen, mark = nonzeros_of(w), marks(n), marks(n), cleared(size(w, MODEL.ntree))
         entries = count_entries(w, jacobian, mark)
         block, force = numbers(lay_out(FIRST, n, entries, nv)[1]), numbers(n)
-        pairs = integers(2 * number(w, DATA.ncon))
+        pairs, gaps = integers(2 * number(w, DATA.ncon)), numbers(number(w, DATA.ncon))
         room = lay_out(address_of(block), n, entries, nv)[0]
         status, collided, missed = _constrain(
             w, law, memory, counts, held, start, middle, bias, turning, gravity, full, cone, jacobian, chosen, seen,
-            mark, force, pairs, room, narrow, farther < WIDER_DETECTIONS, allowed,
+            mark, force, pairs, gaps, room, narrow, farther < WIDER_DETECTIONS, allowed,
         )  # fmt: skip
         keep(block)
         if status == FARTHER:

@@ -92,6 +92,23 @@ def test_link_that_slides_out_of_one_that_turns_slowly_does_not_sink_in(directio
 
 
 @pytest.mark.parametrize("compiled", ["auto", "never"])
+def test_link_that_slides_and_turns_on_one_that_turns_does_not_sink_in(compiled):
+    """The joint velocities of one body have a joint Coriolis acceleration."""
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><option timestep=".004" gravity="0 0 0"/><worldbody>
+        <geom type="box" size="5 5 1" pos="0 0 -1"/>
+        <body pos="0 0 .05"><joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/>
+          <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+          <body pos=".1 0 0"><joint type="slide" axis="1 0 0"/><joint axis="1 0 0"/><geom size=".05" condim="1"/></body>
+        </body></worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    data.qvel[:] = 0.1, 1.0, 10.0, 0.01
+    stepper = Stepper(model, Moreau(0.0), scheme="time-stepping", compiled=compiled)
+    assert _depths(model, data, stepper, np.zeros((10, 0))).max() <= _DEPTH
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
 def test_a_coin_that_wobbles_does_not_sink_in(compiled):
     """It touches the floor with a point of its rim, which moves around much faster than the coin turns."""
     model = mujoco.MjModel.from_xml_string(
@@ -105,11 +122,15 @@ def test_a_coin_that_wobbles_does_not_sink_in(compiled):
     assert _depths(model, data, stepper, np.zeros((1000, 0)))[100:].max() <= _DEPTH
 
 
+_FLOORS = {"plane": 'type="plane" size="5 5 1"', "box": 'type="box" size="5 5 1" pos="0 0 -1"'}
+
+
 @pytest.mark.parametrize("compiled", ["auto", "never"])
-def test_foot_around_a_joint_far_below_it_does_not_sink_in(compiled):
+@pytest.mark.parametrize("floor", _FLOORS)
+def test_foot_around_a_joint_far_below_it_does_not_sink_in(floor, compiled):
     """Its center of mass is that of its parent, but turns about a joint half a meter below."""
     model = mujoco.MjModel.from_xml_string(
-        """<mujoco><option timestep=".008" gravity="0 0 0"/><worldbody><geom type="plane" size="5 5 1"/>
+        f"""<mujoco><option timestep=".008" gravity="0 0 0"/><worldbody><geom {_FLOORS[floor]}/>
         <body pos="0 0 .05"><joint type="slide" axis="0 0 1"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
           <body pos="0 0 -.5"><joint axis="0 1 0"/><geom size=".05" condim="1" pos="0 0 .5"/></body>
         </body></worldbody></mujoco>"""
@@ -121,11 +142,16 @@ def test_foot_around_a_joint_far_below_it_does_not_sink_in(compiled):
 
 
 @pytest.mark.parametrize("compiled", ["auto", "never"])
-def test_floor_that_turns_slowly_does_not_sink_into_a_box_far_from_its_axis(compiled):
+@pytest.mark.parametrize(("floor", "joint"), [("plane", "free"), ("box", "slide")])
+def test_floor_that_turns_slowly_does_not_sink_into_a_body_far_from_its_axis(floor, joint, compiled):
+    body = {
+        "free": '<freejoint/><geom type="box" size=".1 .1 .05" friction="2"/>',
+        "slide": '<joint type="slide" axis="0 0 1"/><geom size=".05" friction="2"/>',
+    }[joint]
     model = mujoco.MjModel.from_xml_string(
-        """<mujoco><option timestep=".008"/><worldbody>
-        <body mocap="true"><geom type="plane" size="5 5 1" friction="2"/></body>
-        <body pos="2 0 .05"><freejoint/><geom type="box" size=".1 .1 .05" friction="2"/></body></worldbody></mujoco>"""
+        f"""<mujoco><option timestep=".008"/><worldbody>
+        <body mocap="true"><geom {_FLOORS[floor]} friction="2"/></body>
+        <body pos="2 0 .05">{body}</body></worldbody></mujoco>"""
     )
     data, seen = mujoco.MjData(model), mujoco.MjData(model)
     stepper, depth = Stepper(model, Moreau(0.0), scheme="time-stepping", compiled=compiled), 0.0
