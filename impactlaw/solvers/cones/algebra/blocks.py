@@ -9,10 +9,10 @@ import numpy as np
 from impactlaw.solvers.cones.algebra.linear import lu_factor, lu_solve, lu_solve_rows
 from impactlaw.solvers.cones.algebra.loops import (
     FIRST,
+    ONE,
     Array,
     add_at,
     add_products,
-    add_three,
     dot,
     fill,
     indices,
@@ -37,26 +37,12 @@ def _find_runs(K: Blocks, begin: int, width: int, runs: Array) -> int:
 
 
 @plain
-def _add_rows(v: Array, to: int, w: Array, at: int, stride: int, f: Array, first: int, step: int, m: int, many: int):
-    """Add the m rows that begin at w[at], a stride apart, times ``f[first]``, ``f[first + step]`` ... to v[to:]."""
-    k = 0
-    while k + 3 <= m:
-        i = first + k * step
-        add_three(v, to, w, at + k * stride, stride, f[i], f[i + step], f[i + 2 * step], many)
-        k += 3
-    while k < m:
-        subtract(v, to, w, at + k * stride, -f[first + k * step], many)
-        k += 1
-
-
-@plain
 def _add_to_blocks(P: Island, K: Blocks, W: Array, H: Array, left: Array, runs: Array, g: int) -> None:
     """Add the contribution of a group to a matrix of many blocks."""
     m, begin, a = P.start[g + 1] - P.start[g], P.begin[g], P.entry[g]
     width, count = P.begin[g + 1] - begin, _find_runs(K, begin, P.begin[g + 1] - begin, runs)
     fill(left, FIRST, m * width, 0.0)
-    for k in range(m):
-        _add_rows(left, k * width, P.A, a, width, W, P.square[g] + k * m, np.int64(1), m, width)
+    add_products(left, FIRST, width, W, P.square[g], m, ONE, m, P.A, a, width, width, m)
     for s in range(count):
         i = runs[s]
         q = K.first[g] + K.slot[begin + i] * K.many[g]
@@ -64,7 +50,9 @@ def _add_to_blocks(P: Island, K: Blocks, W: Array, H: Array, left: Array, runs: 
             j = runs[r]
             t = q + K.slot[begin + j]
             base = K.place[t] + np.int64(K.inner[begin + i]) * K.pitch[t] + np.int64(K.inner[begin + j])
-            add_products(H, base, K.pitch[t], P.A, a + i, runs[s + 1] - i, left, j, runs[r + 1] - j, width, m)
+            add_products(
+                H, base, K.pitch[t], P.A, a + i, ONE, width, runs[s + 1] - i, left, j, width, runs[r + 1] - j, m
+            )  # fmt: skip
 
 
 @plain

@@ -4,7 +4,7 @@ Indices are unsigned, since support for Python's negative indices would prevent 
 and products contracted, which changes only their rounding. Infinities and NaN are handled as usual.
 """
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from llvmlite import ir
@@ -53,8 +53,8 @@ once: Any = njit(**_INNER, inline="always")
 """The same for a function that is called from one place: it is inlined there, which halves compile time."""
 sums: Any = _inner(_nrt=False, fastmath={"reassoc", "contract"})
 """The same for sums that may be reassociated."""
-FIRST: Any = np.int64(0)
-"""The first index."""
+FIRST, ONE = cast(Any, np.int64(0)), cast(Any, np.int64(1))
+"""The first index, and the distance of neighbours."""
 
 
 _SMALL = 2048  # numbers, 16 kB: size up to which arrays are on the stack
@@ -138,34 +138,49 @@ def subtract(v: Array, to: int, w: Array, source: int, f: float, many: int) -> N
 
 
 @sums
-def add_three(v: Array, to: int, w: Array, source: int, stride: int, a: float, b: float, c: float, many: int) -> None:
-    """Add a, b and c times three pieces of w, a stride apart, to ``v[to:to + many]``."""
-    t, one = np.uint64(to), np.uint64(source)
-    two, three = np.uint64(source + stride), np.uint64(source + 2 * stride)
-    for k in range(np.uint64(many)):
-        v[t + k] += a * w[one + k] + b * w[two + k] + c * w[three + k]
+def _add_square(
+    v: Array, to: int, pitch: int, f: Array, first: int, across: int, down: int, rows: int, w: Array, source: int,
+    stride: int,
+) -> None:  # fmt: skip
+    """Do the work of `add_products` for three columns and three products, with 3 x 3 numbers of w in registers."""
+    t, a, s, high, step = np.uint64(to), np.uint64(first), np.uint64(source), np.uint64(pitch), np.uint64(across)
+    deep, one, two = np.uint64(down), np.uint64(1), np.uint64(2)
+    p0, p1, p2, s = w[s], w[s + one], w[s + two], s + np.uint64(stride)
+    q0, q1, q2, s = w[s], w[s + one], w[s + two], s + np.uint64(stride)
+    r0, r1, r2 = w[s], w[s + one], w[s + two]
+    for _ in range(rows):
+        x, y, z = f[a], f[a + deep], f[a + deep + deep]
+        v[t] += x * p0 + y * q0 + z * r0
+        v[t + one] += x * p1 + y * q1 + z * r1
+        v[t + two] += x * p2 + y * q2 + z * r2
+        t, a = t + high, a + step
 
 
 @sums
 def add_products(
-    v: Array, to: int, pitch: int, f: Array, first: int, rows: int, w: Array, source: int, columns: int, stride: int,
-    many: int,
+    v: Array, to: int, pitch: int, f: Array, first: int, across: int, down: int, rows: int, w: Array, source: int,
+    stride: int, columns: int, many: int,
 ) -> None:  # fmt: skip
-    """Add the sum of ``f[first + k stride + i] w[source + k stride + j]``, k < many, to ``v[to + i pitch + j]``."""
-    step, wide = np.uint64(stride), np.uint64(columns)
-    for i in range(rows):
-        t, a, s, k = np.uint64(to + i * pitch), np.uint64(first + i), np.uint64(source), 0
-        while k + 3 <= many:
-            x, y, z = f[a], f[a + step], f[a + step + step]
-            two, three = s + step, s + step + step
-            for j in range(wide):
-                v[t + j] += x * w[s + j] + y * w[two + j] + z * w[three + j]
-            a, s, k = a + step + step + step, three + step, k + 3
-        while k < many:
-            x = f[a]
-            for j in range(wide):
-                v[t + j] += x * w[s + j]
-            a, s, k = a + step, s + step, k + 1
+    """Add the product of a matrix f, rows x many, and a matrix w, many x columns, to a matrix v.
+
+    Entry (i, k) of f is ``f[first + i across + k down]``, (k, j) of w is ``w[source + k stride + j]``, and (i, j) of v
+    is ``v[to + i pitch + j]``.
+    """
+    wide, k = columns - columns % 3, 0
+    while k + 3 <= many:
+        a, s = first + k * down, source + k * stride
+        for j in range(0, wide, 3):
+            _add_square(v, to + j, pitch, f, a, across, down, rows, w, s + j, stride)
+        if wide < columns:
+            for i in range(rows):
+                t, b = to + i * pitch + wide, a + i * across
+                for n in range(3):
+                    subtract(v, t, w, s + n * stride + wide, -f[b + n * down], columns - wide)
+        k += 3
+    while k < many:
+        for i in range(rows):
+            subtract(v, to + i * pitch, w, source + k * stride, -f[first + i * across + k * down], columns)
+        k += 1
 
 
 @sums
@@ -192,6 +207,26 @@ def scatter_add(v: Array, at: int, f: float, z: Array, cols: Array, begin: int, 
     t, s = np.uint64(at), np.uint64(begin)
     for k in range(np.uint64(many)):
         z[cols[s + k]] += f * v[t + k]
+
+
+@sums
+def gather_three(v: Array, at: int, z: Array, cols: Array, begin: int, many: int, w: Array, to: int) -> None:
+    """Write three such products, of adjacent pieces of v, to ``w[to:to + 3]``."""
+    p, s, t, one = np.uint64(at), np.uint64(begin), np.uint64(to), np.uint64(1)
+    q, r, a, b, c = p + np.uint64(many), p + np.uint64(2 * many), 0.0, 0.0, 0.0
+    for k in range(np.uint64(many)):
+        f = z[cols[s + k]]
+        a, b, c = a + v[p + k] * f, b + v[q + k] * f, c + v[r + k] * f
+    w[t], w[t + one], w[t + one + one] = a, b, c
+
+
+@sums
+def scatter_three(v: Array, at: int, x: Array, first: int, z: Array, cols: Array, begin: int, many: int) -> None:
+    """Add three adjacent pieces of v times ``x[first:first + 3]`` to these entries of z."""
+    p, s, i, one = np.uint64(at), np.uint64(begin), np.uint64(first), np.uint64(1)
+    q, r, a, b, c = p + np.uint64(many), p + np.uint64(2 * many), x[i], x[i + one], x[i + one + one]
+    for k in range(np.uint64(many)):
+        z[cols[s + k]] += a * v[p + k] + b * v[q + k] + c * v[r + k]
 
 
 @sums

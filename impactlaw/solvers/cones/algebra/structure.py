@@ -16,9 +16,11 @@ from impactlaw.solvers.cones.algebra.loops import (
     Array,
     clear,
     gather_dot,
+    gather_three,
     kernel,
     plain,
     scatter_add,
+    scatter_three,
     zeros,
 )
 
@@ -74,12 +76,16 @@ def jump(P: Island, x: Array, z: Array) -> None:
     clear(z)
     for g in range(len(P.kind)):
         begin, a = P.begin[g], P.entry[g]
-        width = P.begin[g + 1] - begin
-        for i in range(P.start[g], P.start[g + 1]):
-            xi = x[i]
-            if xi != 0.0:
-                scatter_add(P.A, a, xi, z, P.cols, begin, width)
-            a += width
+        width, i, end = P.begin[g + 1] - begin, P.start[g], P.start[g + 1]
+        while i < end:
+            if i + 3 <= end:
+                if x[i] != 0.0 or x[i + 1] != 0.0 or x[i + 2] != 0.0:
+                    scatter_three(P.A, a, x, i, z, P.cols, begin, width)
+                i, a = i + 3, a + 3 * width
+            else:
+                if x[i] != 0.0:
+                    scatter_add(P.A, a, x[i], z, P.cols, begin, width)
+                i, a = i + 1, a + width
 
 
 @plain
@@ -87,10 +93,14 @@ def rows_times(P: Island, z: Array, w: Array) -> None:
     """Write ``w = A z``."""
     for g in range(len(P.kind)):
         begin, a = P.begin[g], P.entry[g]
-        width = P.begin[g + 1] - begin
-        for i in range(P.start[g], P.start[g + 1]):
-            w[i] = gather_dot(P.A, a, z, P.cols, begin, width)
-            a += width
+        width, i, end = P.begin[g + 1] - begin, P.start[g], P.start[g + 1]
+        while i < end:
+            if i + 3 <= end:
+                gather_three(P.A, a, z, P.cols, begin, width, w, i)
+                i, a = i + 3, a + 3 * width
+            else:
+                w[i] = gather_dot(P.A, a, z, P.cols, begin, width)
+                i, a = i + 1, a + width
 
 
 @plain
