@@ -3,47 +3,67 @@
 import numpy as np
 
 from impactlaw.solvers.cones.algebra.linear import triangular_rows
-from impactlaw.solvers.cones.algebra.loops import Array, counts, indices, numbers, once, unsigned, zeros
+from impactlaw.solvers.cones.algebra.loops import (
+    Array,
+    cleared,
+    counts,
+    indices,
+    kernel,
+    numbers,
+    once,
+    unsigned,
+    zeros,
+)
 from impactlaw.solvers.cones.algebra.ordering import Blocks, lay_out, least_degree, one_block
 from impactlaw.solvers.cones.algebra.structure import Island
 from impactlaw.solvers.cones.rows import Problem
 
 _ONE_BLOCK = 48  # largest number of degrees of freedom of an island that is one dense block
-_HERE = -2  # mark of degrees of freedom of an island that have no number yet
 
 
 @once
-def _number(members: Array, problem: Problem, number: Array, dofs: Array) -> int:
-    """Number the degrees of freedom of an island in ascending order and list them; return their number."""
-    low, high, nv = len(number), 0, 0
-    for g in members:
-        for i in range(problem.first[g], problem.first[g] + problem.size[g]):
-            for k in range(problem.rowadr[i], problem.rowadr[i] + problem.rownnz[i]):
-                if problem.value[k] != 0.0:
-                    d = problem.colind[k]
-                    number[d], low, high = _HERE, min(low, d), max(high, d + 1)
-    for d in range(low, high):
-        if number[d] == _HERE:
-            number[d], dofs[nv], nv = nv, d, nv + 1
-    return nv
-
-
-@once
-def _columns(members: Array, problem: Problem, number: Array, seen: Array, begin: Array, cols: Array) -> int:
-    """List the columns of each group in ascending order, so that those of a tree are adjacent; return their number."""
-    count = 0
+def _columns(
+    members: Array, problem: Problem, number: Array, seen: Array, begin: Array, cols: Array, dofs: Array
+) -> tuple[int, int]:
+    """Number the degrees of freedom in order of appearance and list the columns of each group; return both counts."""
+    nv = count = 0
     for j in range(len(members)):
         g = members[j]
         for i in range(problem.first[g], problem.first[g] + problem.size[g]):
             for k in range(problem.rowadr[i], problem.rowadr[i] + problem.rownnz[i]):
                 d = problem.colind[k]
                 if problem.value[k] != 0.0 and seen[d] != g:
-                    seen[d], at = g, count
-                    while at > begin[j] and cols[at - 1] > number[d]:
-                        cols[at], at = cols[at - 1], at - 1
-                    cols[at], count = number[d], count + 1
+                    seen[d] = g
+                    if number[d] < 0:
+                        number[d] = nv
+                        dofs[nv] = d
+                        nv += 1
+                    cols[count] = number[d]
+                    count += 1
         begin[j + 1] = count
-    return count
+    return nv, count
+
+
+@kernel
+def _sort(number: Array, begin: Array, cols: Array, dofs: Array) -> None:
+    """Number the degrees of freedom in ascending order, and sort the columns of each group: a tree's are adjacent."""
+    low, count, marked = dofs.min(), 0, cleared(dofs.max() + 1 - dofs.min())
+    for d in dofs:
+        marked[d - low] = True
+    for i in range(len(marked)):
+        if marked[i]:
+            number[low + i] = count
+            count += 1
+    for g in range(len(begin) - 1):
+        for k in range(begin[g], begin[g + 1]):
+            here, at = number[dofs[cols[k]]], k
+            while at > begin[g] and cols[at - 1] > here:
+                cols[at] = cols[at - 1]
+                at -= 1
+            cols[at] = here
+    for i in range(len(marked)):
+        if marked[i]:
+            dofs[number[low + i]] = low + i
 
 
 @once
@@ -94,9 +114,10 @@ def build(members: Array, problem: Problem, length: Array, number: Array, seen: 
         for i in range(first[g], first[g] + size[g]):
             count += rownnz[i]
     cols, dofs = indices(count), indices(min(count, len(problem.tree)))
-    nv = _number(members, problem, number, dofs)
-    count = _columns(members, problem, number, seen, begin, cols)
+    nv, count = _columns(members, problem, number, seen, begin, cols, dofs)
     cols = cols[:count]
+    if nv > _ONE_BLOCK:
+        _sort(number, begin, cols, dofs[:nv])
     raw, columns = indices(count), unsigned(count)
     for k in range(count):
         raw[k] = cols[k]
