@@ -99,9 +99,9 @@ class Stepper:
         unlocated: number of steps so far that had more than max_events collisions, or were partly or wholly time
             stepped.
         shortfall: by how much a normal contact velocity of the last step missed the law (time stepping).
-        short_steps: number of steps so far in which the shortfall was too large or friction was not found (time
-            stepping, and the parts of event-driven steps that it takes over), contacts lost their restitution, or
-            bodies jammed and were left to MuJoCo's contacts (soft).
+        short_steps: number of steps so far in which the shortfall was too large, friction was not found or bodies came
+            to overlap (time stepping, and the parts of event-driven steps that it takes over), contacts lost their
+            restitution, or bodies jammed and were left to MuJoCo's contacts (soft).
 
     Raises:
         SceneError: the scene contains something that rigid stepping does not cover, its timestep is not positive, or
@@ -250,9 +250,9 @@ class Stepper:
         """Number of steps so far that did not meet the law.
 
         - Time stepping counts a step if its shortfall was above 1e-6 of the largest contact velocity, or 1e-8 m/s; if
-          friction was not found, that is, if its natural map stayed above 1e-6 of the largest velocity; or if contacts
-          lost their restitution, because too many were hit through others, one after another, for one step, or because
-          friction jams bodies.
+          friction was not found, that is, if its natural map stayed above 1e-6 of the largest velocity; if bodies that
+          did not overlap before overlap by more than 1e-5 m at its end; or if contacts lost their restitution, because
+          too many were hit through others, one after another, for one step, or because friction jams bodies.
         - Event-driven steps count by the same rule if time stepping took over part of them.
         - Soft steps count if contacts lost their restitution, or if friction or constraints jam bodies whatever the
           law is, so that they were left to MuJoCo's contacts.
