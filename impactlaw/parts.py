@@ -57,7 +57,23 @@ class PartCompiler(CompilerBase):
 
 
 class _Linked(JITCodeLibrary):
-    """The code of a function that others call by address and do not inline."""
+    """The code of a function that others call by address and do not inline.
+
+    It is optimized once, as a whole. Loops are not unrolled: most are over a few numbers, and unrolled loops do not get
+    into the part that is faster.
+    """
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        ll_module.data_layout = self._codegen._data_layout
+
+    def _optimize_final_module(self) -> None:
+        options = llvm.create_pipeline_tuning_options(speed_level=3)
+        options.loop_vectorization = True
+        options.loop_unrolling = options.loop_interleaving = options.slp_vectorization = False
+        builder = llvm.create_pass_builder(self._codegen._tm, options)
+        passes = builder.getModulePassManager()
+        passes.add_refprune_pass()
+        passes.run(self._final_module, builder)
 
     def _get_module_for_linking(self) -> Any:
         """Return a module for the cache that declares the external names of the code, with empty bodies."""

@@ -40,11 +40,6 @@ class StepRepeater:
     def _steps(self) -> Any:
         return self._compile(self.scheme)
 
-    @property
-    def finds_sums(self) -> bool:
-        """Whether steps are to compute sums from now on."""
-        return bool(self._settings[SETTING.sums])
-
     def told(self, numbers: np.ndarray) -> ImpactSums | None:
         """Return the sums that a step has computed, if it was to; None if only events give them."""
         count, energy, intensity, *many = numbers[MEMORY.sums : MEMORY.sums + SUMS].tolist()
@@ -91,12 +86,19 @@ class RepeatedStep:
         state: the state at the start of the step.
         before: the memory at the start of the step.
         numbers: the current memory.
+        summed: whether the step has computed sums, 0.0 or 1.0.
     """
 
     def __init__(
-        self, repeater: StepRepeater, owner: object, state: np.ndarray, before: np.ndarray, numbers: np.ndarray
+        self,
+        repeater: StepRepeater,
+        owner: object,
+        state: np.ndarray,
+        before: np.ndarray,
+        numbers: np.ndarray,
+        summed: float,
     ):
-        self._repeater, self._places, self._summed = repeater, (owner, state, before, numbers), repeater.finds_sums
+        self._repeater, self._places, self._summed = repeater, (owner, state, before, numbers), summed
 
     def __call__(self) -> tuple[ImpactEvent, ...]:
         """Return the collisions as events."""
