@@ -26,6 +26,7 @@ from impactlaw.recording import Recorder
 DEFAULT_LAWS = ("maximal-dissipation", "moreau", "scene", "reversal")
 _BETWEEN = "; "  # separator of labels, which may contain blanks
 _WIDTH = 5  # velocities shown in the printed table
+_MOST_STEPS = 1e12  # more would take months
 
 
 def compare(study: Comparison, folder: Path) -> pd.DataFrame:
@@ -36,7 +37,7 @@ def compare(study: Comparison, folder: Path) -> pd.DataFrame:
 
     Raises:
         SceneError: the file is not a scene, or not one for rigid stepping; or the timestep or the duration is not a
-            positive number, or the duration is shorter than a timestep.
+            positive number, or the duration is shorter than a timestep or more than 1e12 of them.
         OptionError: two runs would have the same name.
         UnknownNameError: there is no such scene or law.
         RestitutionError: a coefficient is not in [0, 1], or a restitution is given but no law takes it.
@@ -156,9 +157,11 @@ def _positive(name: str, value: float) -> float:
 
 
 def _steps(duration: float, timestep: float) -> int:
-    """Return the number of steps; raise `SceneError` if the duration is shorter than a time step."""
+    """Return the number of steps; raise `SceneError` if it would be 0 or far too many."""
     if _positive("duration", duration) < timestep:
         raise SceneError(f"duration must be a timestep, {timestep:g} s, or more, got {duration:g} s")
+    if duration / timestep > _MOST_STEPS:
+        raise SceneError(f"duration {duration:g} s takes more than {_MOST_STEPS:g} timesteps of {timestep:g} s")
     return round(duration / timestep)
 
 

@@ -13,7 +13,7 @@ from impactlaw.cli import Compare
 from impactlaw.comparison.compare import DEFAULT_LAWS, Comparison, choose_laws, compare, format_table
 from impactlaw.comparison.runs import run_law
 from impactlaw.comparison.soft_contact import soft_outcome, tuned_contacts
-from impactlaw.errors import ImpactLawError, RestitutionError, UnknownNameError
+from impactlaw.errors import ImpactLawError, RestitutionError, SceneError, UnknownNameError
 from impactlaw.laws import LAWS, Moreau
 from impactlaw.models import SCENES, load
 from impactlaw.recording import read_log
@@ -172,6 +172,8 @@ def test_scene_without_restitution_has_no_law_of_its_own():
         ({"restitution": math.nan}, RestitutionError, "nan"),
         ({"duration": 0.0}, ImpactLawError, "duration"),
         ({"timestep": math.inf}, ImpactLawError, "timestep"),
+        ({"timestep": 5e-324}, SceneError, "takes more than 1e[+]12 timesteps"),
+        ({"duration": 1e308}, SceneError, "takes more than 1e[+]12 timesteps"),
     ],
 )
 def test_wrong_input_is_named_and_nothing_is_written(study, error, message, tmp_path):
