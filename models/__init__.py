@@ -70,7 +70,7 @@ def load(name_or_path: str | Path) -> tuple[mujoco.MjModel, mujoco.MjData]:
 
     Raises:
         UnknownNameError: no scene of that name; the message names the nearest ones.
-        SceneError: no such file, a directory, not XML, or not a model that MuJoCo compiles.
+        SceneError: no such file, one that may not be read, a directory, not XML, or not a model that MuJoCo compiles.
     """
     import mujoco
 
@@ -99,4 +99,6 @@ def _resolve(name_or_path: str | Path) -> Path:
         raise SceneError(f"{path} is a directory, not an MJCF file")
     if not path.exists():
         raise SceneError(f"no such file: {path}")
+    if not os.access(path, os.R_OK):
+        raise SceneError(f"no permission to read {path}")
     return path

@@ -75,6 +75,8 @@ def read_entities(path: Path) -> dict[str, Entity]:
     """Return all entities of a recording; if it was cut off, everything that was written completely."""
     if not path.is_file():
         raise RecordingError(f"{path} is not a file" if path.exists() else f"there is no file {path}")
+    if not os.access(path, os.R_OK):
+        raise RecordingError(f"no permission to read {path}")
     try:
         chunks = _read_chunks(path, path)
     except RuntimeError:

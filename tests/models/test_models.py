@@ -124,6 +124,13 @@ def test_missing_file_and_directory(tmp_path: Path):
             load(folder)
 
 
+def test_a_file_that_may_not_be_read(monkeypatch):
+    """MuJoCo would call it empty."""
+    monkeypatch.setattr("os.access", lambda path, mode: False)  # permissions do not hold for root
+    with pytest.raises(SceneError, match="no permission to read"):
+        load(scene_path("wedge"))
+
+
 def test_load_without_start_keeps_the_default(tmp_path: Path):
     path = tmp_path / "free.xml"
     path.write_text(

@@ -246,6 +246,13 @@ def test_not_a_recording(tmp_path, scene):
         assert "\n" not in str(caught.value)
 
 
+def test_a_recording_that_may_not_be_read(tmp_path, scene, monkeypatch):
+    record(tmp_path / "run.rrd", *scene, 1)
+    monkeypatch.setattr("os.access", lambda path, mode: False)  # permissions do not hold for root
+    with pytest.raises(RecordingError, match="no permission to read"):
+        read_log(tmp_path / "run.rrd")
+
+
 def test_a_recording_of_another_format(tmp_path, scene, monkeypatch):
     monkeypatch.setattr("impactlaw.recording.properties.FORMAT", 2)
     record(tmp_path / "run.rrd", *scene, 1)
