@@ -15,9 +15,8 @@ class Comparison:
     scene: Annotated[str, Positional] = "newtons_cradle"
     """Name of a scene (see `impactlaw scenes`) or path of an MJCF file."""
     laws: tuple[str, ...] | None = None
-    """Names of laws (see `impactlaw laws`), except fremond, which needs a matrix, or files such as law.json; "scene" is
-    that of the MJCF.
-    If not given: maximal-dissipation, moreau, reversal, and scene if that differs between pairs of geoms."""
+    """Names of laws (see `impactlaw laws`) but fremond, which needs a matrix; files such as law.json; "scene" for the
+    law of the MJCF. If not given: maximal-dissipation, moreau, reversal, and scene if geoms differ in restitution."""
     restitution: float | None = None
     """Coefficient of restitution of every law that takes one: all but maximal-dissipation, any-outcome, scene. If not
     given, that of the scene, or 1."""

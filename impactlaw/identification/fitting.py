@@ -314,4 +314,4 @@ def cross_validate(
 def check_folds(folds: int, n: int) -> None:
     """Raise `MeasurementError` if n collisions cannot be split into so many folds."""
     if not isinstance(folds, Integral) or not 2 <= folds <= n:
-        raise MeasurementError(f"{n} collision{'s' if n > 1 else ''} cannot be split into {folds!r} folds, 2 or more")
+        raise MeasurementError(f"{n} collision{'s' if n > 1 else ''} cannot be split into {folds!r} folds: 2 to {n}")

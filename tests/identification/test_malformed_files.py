@@ -163,8 +163,8 @@ def test_what_is_no_file():
     ("words", "message"),
     [
         (("--family", "newtons"), "unknown family"),
-        (("--folds", "1"), "data.csv: 12 collisions cannot be split into 1 folds, 2 or more"),
-        (("--folds", "13"), "data.csv: 12 collisions cannot be split into 13 folds, 2 or more"),
+        (("--folds", "1"), "data.csv: 12 collisions cannot be split into 1 folds: 2 to 12"),
+        (("--folds", "13"), "data.csv: 12 collisions cannot be split into 13 folds: 2 to 12"),
         (("--contacts",), "contacts is empty: there is nothing to fit"),
         (("--contacts", "a/c"), "no collision has exactly the contacts a/c"),
         (("--family", "routh"), "needs tangential directions"),

@@ -106,7 +106,7 @@ class OfContacts:
             raise RestitutionError(
                 f"{type(self).__name__} has {len(values)} {what} but {len(labels)} contacts collide "
                 f"({', '.join(labels)}); key them by contact label so that they follow the contacts, or give one for "
-                "all (a stepper whose law is changed goes on from before the step)"
+                "all (a stepper goes on from before this step once its law is set)"
             )
         return list(values) if isinstance(values, tuple) else [values] * len(labels)
 
