@@ -39,7 +39,7 @@ class Collision:
         mass_matrix: ``M``, shape (nv, nv), symmetric positive definite. A scipy.sparse matrix may be diagonal or
             consist of blocks, see `impactlaw.mechanics.block_metric`.
         jacobian: ``J``, shape (h, nv); row i is the gradient of the gap function of contact i. h may be 0. If J or M is
-            sparse, both are kept as CSR arrays, and so are ``Y`` and ``G``.
+            sparse, both are kept as CSR arrays, and so are `whitened_jacobian` and `delassus`.
         pre_velocity: ``v-``, shape (nv,).
         labels: one name per contact, for messages and for restitution keyed by contact; ``"0", "1", ...`` by default.
         metric: the factored mass matrix, if the caller already has it; used if its mass_matrix is this very array.

@@ -32,7 +32,8 @@ class Contacts:
         labels: ``"first/second"`` per contact: the names of the two geoms, or of their bodies if geoms have no name;
             the name of the joint or tendon for a limit.
         geoms: geom ids, the lower one first, int (h, 2); -1 for a limit.
-        gap: signed distance, less the `SKIN` where it applies, m, (h,); for a limit the distance from it, m or rad.
+        gap: signed distance, m, (h,), less the 1e-6 m at which geoms touch that MuJoCo measures by its general convex
+            collider; for a limit the distance from it, m or rad.
         position: midway between the two surfaces, world frame, m, (h, 3); for a limit the anchor of the joint, zero for
             a tendon.
         normal: unit vector from the first geom to the second, world frame, (h, 3); for a limit the axis of the joint,

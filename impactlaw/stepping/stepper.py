@@ -37,11 +37,11 @@ class Stepper:
     everything else. There are two schemes:
 
     - Event-driven steps locate the times at which gaps close, resolve every collision by the law, and hold closed
-      contacts closed (`impactlaw.stepping.event_driven`). They are exact. The rest of a step that takes too much work
-      is time stepped.
+      contacts closed (`impactlaw.stepping.event_driven`). Collisions are exact to rounding. The rest of a step that
+      takes too much work is time stepped.
     - Time stepping solves one problem per step for impacts and persistent contact together
-      (`impactlaw.stepping.time_stepping`). It is of first order in collisions, its cost is bounded, and after the
-      constructor no contact makes it raise.
+      (`impactlaw.stepping.time_stepping`). It is of first order in collisions, and its cost is bounded. Contact makes
+      it raise only if the law has no coefficient for it, MuJoCo has no memory, or ``on_inadmissible="raise"``.
 
     With ``contact_model="soft"`` MuJoCo keeps contact and friction, and the law takes over collisions only
     (`impactlaw.stepping.soft`). A step without a collision is `mj_step`, bit for bit, with two exceptions: contacts
@@ -249,7 +249,7 @@ class Stepper:
     def short_steps(self) -> int:
         """Number of steps so far that did not meet the law.
 
-        - Time stepping counts a step if its shortfall was above 1e-6 of the largest contact velocity, or 1e-8 m/s; if
+        - Time stepping counts a step if its shortfall was above 1e-6 of the largest contact velocity and 1e-8 m/s; if
           friction was not found, that is, if its natural map stayed above 1e-6 of the largest velocity; if bodies that
           did not overlap before overlap by more than 1e-5 m at its end; or if contacts lost their restitution, because
           too many were hit through others, one after another, for one step, or because friction jams bodies.

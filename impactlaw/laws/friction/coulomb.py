@@ -28,9 +28,10 @@ class Coulomb(Law):
 
     With ``u_n = gamma+ - gamma^h`` and ``u_t = gamma_t+ + e_t gamma_t-`` each contact satisfies
     ``0 <= Lambda_n  ⊥  u_n >= 0`` and ``sum (Lambda_t / mu)^2 <= Lambda_n^2``, and friction dissipates as much as it
-    can against ``u_t``. This is exact Coulomb friction, ``K ∋ Lambda  ⊥  u + |mu u_t| e_n ∈ K`` (G. de Saxcé and Z.-Q.
-    Feng, Math. Comput. Model. 28, 1998). The relaxation ``K ∋ Lambda  ⊥  u ∈ K`` (M. Anitescu, Math. Program. 105,
-    2006) is convex; in it a contact that slides also separates.
+    can against ``u_t``. With ``Lambda_t / mu`` and ``mu u_t`` as tangential parts, and ``K = {x : |x_t| <= x_n}``, this
+    exact Coulomb friction is ``K ∋ Lambda  ⊥  u + |u_t| e_n ∈ K`` (G. de Saxcé and Z.-Q. Feng, Math. Comput. Model. 28,
+    1998). The relaxation ``K ∋ Lambda  ⊥  u ∈ K`` (M. Anitescu, Math. Program. 105, 2006) is convex; in it a contact
+    that slides also separates.
 
     Restitution and friction together can create energy (T. R. Kane, *A dynamics puzzle*, 1984). If they do, all
     restitution is scaled: the positive part of ``gamma^h`` and ``e_t`` are multiplied by the largest s in [0, 1] that
