@@ -66,7 +66,7 @@ def load(name_or_path: str | Path) -> tuple[mujoco.MjModel, mujoco.MjData]:
 
     Args:
         name_or_path: the name of a scene, or a path to any MJCF file. A string without folder and ending that
-            names neither a scene nor something that exists is taken for a misspelt scene.
+            names neither a scene nor something that exists is taken for a misspelled scene.
 
     Raises:
         UnknownNameError: no scene of that name; the message names the nearest ones.

@@ -59,7 +59,7 @@ def cradle(
         n: number of balls; geoms, bodies and hinges are ``ball1`` .. ``ball<n>``.
         mass: of every ball, or one per ball, kg.
         radius: of every ball, m.
-        length: from the hinges to the centres, m.
+        length: from the hinges to the centers, m.
         launched: how many balls start at 1 rad/s.
         restitution: the scene's coefficient.
 

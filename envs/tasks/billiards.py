@@ -27,7 +27,7 @@ _CENTERS, _RADII_SQUARED = np.array(POCKETS).T[:2, :, None], np.array(POCKETS)[:
 class Billiards(ImpactEnv):
     r"""Aim the cue ball at fifteen racked balls, once, and pot as many of them as possible in 1.5 s.
 
-    The balls slide without friction and do not roll. A ball whose centre comes within a pocket's radius (0.1 m in the
+    The balls slide without friction and do not roll. A ball whose center comes within a pocket's radius (0.1 m in the
     corners, 0.07 m at the sides) is potted and lies beside the table from then on.
 
     Observation, `Box(81)`:

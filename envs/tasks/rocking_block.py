@@ -14,14 +14,14 @@ DRIVE = Drive(stroke=0.25, acceleration=70.0)
 TOPPLED = 0.5
 """Angle of the block, rad, beyond which it counts as toppled: twice the angle beyond which it falls by itself."""
 HALF_WIDTH, HALF_HEIGHT = 0.125, 0.5
-"""Half the distance between the feet of the block, and the height of its centre above them, m."""
+"""Half the distance between the feet of the block, and the height of its center above them, m."""
 
 
 class RockingBlock(DrivenEnv):
     r"""Tilt the ground so that a slender block that has started to rock does not topple.
 
     Contacts have no friction, so ground that moves sideways would slide away under the feet. Instead, the block is
-    guided at its centre (it can move up and down and turn) and the ground is a platform that tilts. Its reaction force
+    guided at its center (it can move up and down and turn) and the ground is a platform that tilts. Its reaction force
     tilts with it and turns the block, as the reaction of ground that moves sideways would. The platform is a moving
     surface that turns about a line below the block. Its drive determines its motion, and the block cannot push it away.
     It brakes in time before the ends of its stroke, 0.25 rad to either side.
@@ -31,10 +31,10 @@ class RockingBlock(DrivenEnv):
     | index | meaning | unit | range |
     |---|---|---|---|
     | 0 | tilt of the platform, positive to the right | rad | -1 .. 1 |
-    | 1 | rise of the block's centre | m | -0.5 .. 0.5 |
+    | 1 | rise of the block's center | m | -0.5 .. 0.5 |
     | 2 | angle of the block, positive to the right | rad | -1 .. 1 |
     | 3 | angular velocity of the platform | rad/s | -20 .. 20 |
-    | 4 | velocity of the block's centre, positive upwards | m/s | -10 .. 10 |
+    | 4 | velocity of the block's center, positive upwards | m/s | -10 .. 10 |
     | 5 | angular velocity of the block | rad/s | -20 .. 20 |
 
     Action, `Box(1)`:

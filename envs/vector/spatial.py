@@ -89,7 +89,7 @@ class Spatial(Robot):
         self._force[world] = 0.0
 
     def _positions(self, worlds: np.ndarray) -> np.ndarray:
-        """Return the horizontal positions of robots, (n, 2): of Ant's trunk, of Humanoid's centre of mass."""
+        """Return the horizontal positions of robots, (n, 2): of Ant's trunk, of Humanoid's center of mass."""
         places, mass = self._places[worlds, :, :2], None if self._ant else self._batch.expanded("body_mass")
         if mass is None:
             return np.einsum("b,nbj->nj", self._share, places)

@@ -97,7 +97,7 @@ class Reversal(RestitutionLaw):
 
     For N equal balls on a line, any number of them launched, v+ is v- in reverse order (e = 1): Newton's cradle.
     Contacts that do not influence each other (separate blocks of the Delassus matrix) are reversed block by block. If a
-    block is a chain, in which each contact influences its neighbours only, its contacts may be listed in any order;
+    block is a chain, in which each contact influences its neighbors only, its contacts may be listed in any order;
     other blocks are reversed in the order in which their contacts are listed.
 
     Attributes:

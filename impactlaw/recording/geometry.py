@@ -12,7 +12,7 @@ from impactlaw.recording.layout import SCENE
 from impactlaw.scene.contacts import geom_names
 
 _PRIMITIVES = ("plane", "hfield", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
-_NO_RGBA = np.array([0.5, 0.5, 0.5, 1.0], dtype=np.float32)  # MuJoCo's default: the material's colour is shown
+_NO_RGBA = np.array([0.5, 0.5, 0.5, 1.0], dtype=np.float32)  # MuJoCo's default: the material's color is shown
 _INFINITE = 5.0  # half side of an infinite plane, in extents of the model
 
 
@@ -45,7 +45,7 @@ def read_geometry(model: mujoco.MjModel) -> list[Group]:
 
 
 def colors(model: mujoco.MjModel) -> np.ndarray:
-    """Return the colour of each geom as MuJoCo shows it, RGBA in 0..255: its own or its material's."""
+    """Return the color of each geom as MuJoCo shows it, RGBA in 0..255: its own or its material's."""
     rgba = np.array(model.geom_rgba)
     material = model.geom_matid
     from_material = (material >= 0) & (rgba == _NO_RGBA).all(axis=1)

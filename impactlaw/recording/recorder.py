@@ -54,7 +54,7 @@ class Recorder:
         view: also show the run live in the rerun viewer, one flush behind.
 
     Raises:
-        SceneError: model is not an `mujoco.MjModel`.
+        SceneError: model is not a `mujoco.MjModel`.
         RecordingError: the file cannot be written, rerun is switched off, or there is no display to view on.
     """
 

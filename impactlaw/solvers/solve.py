@@ -120,7 +120,7 @@ def _solve(problem: Problem, labels: tuple[str, ...], solver: str, *, shared: bo
 
 
 def nonnegative_combination(gradients: np.ndarray, point: np.ndarray, *, shared: bool = True) -> np.ndarray:
-    """Return the ``Lambda >= 0`` of least norm that minimises ``|Y^T Lambda - point|``, (h,), for Y, (h, nv).
+    """Return the ``Lambda >= 0`` of least norm that minimizes ``|Y^T Lambda - point|``, (h,), for Y, (h, nv).
 
     If not `shared`, return any minimiser.
     """

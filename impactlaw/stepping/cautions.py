@@ -76,7 +76,7 @@ def _are_linked(model: mujoco.MjModel, one: int, other: int) -> bool:
 def _turns(model: mujoco.MjModel, data: mujoco.MjData, contact: Any, one: int, other: int) -> bool:
     """Return whether a push at a contact can move a joint.
 
-    It cannot where limbs overlap in the axis or the centre of the joint that connects them.
+    It cannot where limbs overlap in the axis or the center of the joint that connects them.
     """
     jacobian = np.zeros((2, 3, model.nv))
     for body, rows in zip((one, other), jacobian, strict=True):

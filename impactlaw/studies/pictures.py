@@ -33,16 +33,16 @@ def draw(matrix: TransferMatrix, path: Path) -> None:
     figure.savefig(path, dpi=130, bbox_inches="tight", pad_inches=0.1)
 
 
-def _panel(axes: Any, value: pd.DataFrame, shown: pd.DataFrame, title: str, colours: str) -> None:
+def _panel(axes: Any, value: pd.DataFrame, shown: pd.DataFrame, title: str, colors: str) -> None:
     numbers = value.to_numpy()
-    image = axes.imshow(numbers, cmap=colours, aspect="auto")
+    image = axes.imshow(numbers, cmap=colors, aspect="auto")
     axes.set_title(title, fontsize=10)
     axes.set_xlabel("acted under")
     below, beside = ([plain(str(name)) for name in names] for names in (value.columns, value.index))
     axes.set_xticks(range(len(below)), below, rotation=30, ha="right", rotation_mode="anchor", fontsize=9)
     axes.set_yticks(range(len(beside)), beside, fontsize=9)
     for i, j in np.ndindex(*numbers.shape):
-        colour = image.cmap(image.norm(numbers[i, j]))
-        dark = np.dot(colour[:3], (0.299, 0.587, 0.114)) < 0.5
+        color = image.cmap(image.norm(numbers[i, j]))
+        dark = np.dot(color[:3], (0.299, 0.587, 0.114)) < 0.5
         text = shown.iloc[i, j].replace(" ± ", "\n± ")
         axes.text(j, i, text, ha="center", va="center", fontsize=9, color="white" if dark else "black")

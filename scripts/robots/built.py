@@ -32,7 +32,7 @@ def cards() -> tuple[mujoco.MjModel, mujoco.MjData]:
     """Return a house of cards: pairs that lean on each other, and cards that lie across their tops."""
     spec = _ground(friction=0.8)
     length, _, thick = _CARD
-    apart = length * np.sin(_LEAN) + thick * np.cos(_LEAN)  # from a leaning card's centre to the line where both meet
+    apart = length * np.sin(_LEAN) + thick * np.cos(_LEAN)  # from a leaning card's center to the line where both meet
     half = length * np.cos(_LEAN) + thick * np.sin(_LEAN)
     pitch = 2.0 * length + _SLIT
     floor = 0.0

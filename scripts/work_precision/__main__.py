@@ -28,7 +28,7 @@ _QUICK_CELLS: dict[str, Any] = {
     ),
     "finest": 10**-3.5,
 }
-_QUICK_ORDERS: dict[str, Any] = {"scenes": _QUICK_SCENES, "groups": 3, "neighbours": 4}
+_QUICK_ORDERS: dict[str, Any] = {"scenes": _QUICK_SCENES, "groups": 3, "neighbors": 4}
 
 
 @dataclass(frozen=True, kw_only=True)

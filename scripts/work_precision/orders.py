@@ -10,7 +10,7 @@ from .scenes import SCENES, Scene
 from .stepping import EULER, reference_graph
 from .trajectories import rigid
 
-_NEIGHBOURS = 1.2  # ratio of the largest to the smallest timestep of a group
+_NEIGHBORS = 1.2  # ratio of the largest to the smallest timestep of a group
 
 
 def slope(timesteps: np.ndarray, errors: np.ndarray) -> tuple[float, float]:
@@ -25,12 +25,12 @@ def slope(timesteps: np.ndarray, errors: np.ndarray) -> tuple[float, float]:
 
 
 def time_stepping_orders(
-    scenes: tuple[str, ...] = tuple(SCENES), *, groups: int = 5, neighbours: int = 8
+    scenes: tuple[str, ...] = tuple(SCENES), *, groups: int = 5, neighbors: int = 8
 ) -> Iterator[dict[str, object]]:
     """Yield one row per scene: the order of time stepping in (t, q), with its standard error.
 
     The error of one run depends on where within a step each impact falls, which is as good as random. The mean over
-    neighbouring timesteps averages this out, as a mean over many starts would, but needs a single reference.
+    neighboring timesteps averages this out, as a mean over many starts would, but needs a single reference.
 
     Columns: scene; expected; order and its standard error; from and to, the smallest and the largest group of
     timesteps, s.
@@ -38,11 +38,11 @@ def time_stepping_orders(
     Args:
         scenes: names from `SCENES`.
         groups: number of groups of timesteps, each half as large as the one before, from the scene's largest on.
-        neighbours: number of timesteps of a group, all within 20 %.
+        neighbors: number of timesteps of a group, all within 20 %.
     """
     for scene in (SCENES[name] for name in scenes):
         begin = scene.time_stepping_from * 0.5 ** np.arange(groups)
-        order, about = slope(begin, _errors(scene, np.outer(begin, np.geomspace(1 / _NEIGHBOURS, 1.0, neighbours))))
+        order, about = slope(begin, _errors(scene, np.outer(begin, np.geomspace(1 / _NEIGHBORS, 1.0, neighbors))))
         row: dict[str, object] = {"scene": scene.name, "expected": scene.time_stepping_order, "order": order}
         yield row | {"+-": about, "from": begin[-1], "to": begin[0]}
 

@@ -17,7 +17,7 @@ STYLES = {
     TUNED: ("#D55E00", "v", "-"),
     DEFAULT: ("#000000", "x", ":"),
 }
-"""Colour (distinguishable by the colour-blind), marker and line of each family of methods."""
+"""Color (distinguishable by the color-blind), marker and line of each family of methods."""
 COMPACT = ("bouncing ball", "cradle, Moreau", "rod with friction", "quadruped")
 """Scenes of the README's picture."""
 _COLUMNS, _SIZE = 2, 12  # panels beside each other; font size, points

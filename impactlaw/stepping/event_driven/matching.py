@@ -58,7 +58,7 @@ def match(contact_set: ContactSet, phase: Phase) -> np.ndarray:
     """Return for each contact at the end of a phase the index of the same contact at its start, or -1, int (h,).
 
     The same contact is between the same two geoms, and its point, seen from one of them, has moved no further than they
-    have travelled. If the two geoms never have more than one contact, it is the same contact in any case. If they touch
+    have traveled. If the two geoms never have more than one contact, it is the same contact in any case. If they touch
     anywhere in common faces, the contact continues the nearest closed contact under one of two conditions: the phase is
     known to be smooth, or that contact approached at the start no faster than the phase has changed the contact's
     velocity (so slow an impact is over within the phase), and was not thrown open there.

@@ -83,7 +83,7 @@ def _jump(one, other, shapes, sizes, velocity):
 
 @plain
 def _support(kind, size, normal):
-    """Return how far a shape extends from its centre along a normal in its frame, m; infinite if not in closed form."""
+    """Return how far a shape extends from its center along a normal in its frame, m; infinite if not in closed form."""
     x, y, z = abs(normal[0]), abs(normal[1]), abs(normal[2])
     if kind == _SPHERE:
         return size[0]

@@ -57,7 +57,7 @@ class Hit:
 
 @dataclass(frozen=True)
 class FullHit:
-    """A controller of billiards: hit the first ball full, at the speed with which its neighbours reach the corners."""
+    """A controller of billiards: hit the first ball full, at the speed with which its neighbors reach the corners."""
 
     restitution: float = 0.95  # the e of Moreau's law to which it is tuned; the balls leave with ``(1 + e) p``
 

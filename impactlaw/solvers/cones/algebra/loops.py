@@ -54,7 +54,7 @@ once: Any = njit(**_INNER, inline="always")
 sums: Any = _inner(_nrt=False, fastmath={"reassoc", "contract"})
 """The same for sums that may be reassociated."""
 FIRST, ONE = cast(Any, np.int64(0)), cast(Any, np.int64(1))
-"""The first index, and the distance of neighbours."""
+"""The first index, and the distance of neighbors."""
 
 
 _SMALL = 2048  # numbers, 16 kB: size up to which arrays are on the stack
