@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import difflib
+import sys
+import warnings
 from collections.abc import Iterable, Sequence
 from importlib.util import find_spec
 
@@ -155,6 +157,14 @@ class PassedOnWarning(UserWarning):
 
 class UncompiledWarning(UserWarning):
     """Steps run in Python although compiled steps were asked for."""
+
+
+def warn_of_python(why: object) -> None:
+    """Issue an `UncompiledWarning` at the line outside of this package from which it was called."""
+    level, frame = 1, sys._getframe()
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith("impactlaw."):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(f"steps are not compiled, but in Python: {why}", UncompiledWarning, stacklevel=level)
 
 
 class WorldsFailedError(ImpactLawError):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import mujoco
 import numpy as np
 
-from impactlaw.errors import UncompilableError, UncompiledWarning, UnreadSensorsWarning
+from impactlaw.errors import UncompilableError, UnreadSensorsWarning, warn_of_python
 from impactlaw.laws import Coulomb, Law, MaximalDissipation
 from impactlaw.laws.restitution.on_contacts import Chosen, restricted
 from impactlaw.scene.tolerances import GAP_TOLERANCE
@@ -123,5 +123,5 @@ class Way:
             return CompiledSoftStepping(scheme, warn=o.compiled == "auto")
         except UncompilableError as error:
             if o.compiled == "auto":
-                warnings.warn(f"steps are not compiled, but in Python: {error}", UncompiledWarning, stacklevel=4)
+                warn_of_python(error)
             return scheme

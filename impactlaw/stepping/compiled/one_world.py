@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import ctypes
-import warnings
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from impactlaw.errors import UncompiledWarning
+from impactlaw.errors import warn_of_python
 from impactlaw.stepping.compiled.engine import Entry, fill_context
 from impactlaw.stepping.compiled.fields import DATA
 from impactlaw.stepping.compiled.law_table import Coefficients
@@ -60,7 +59,7 @@ class OneWorld:
         """Warn of steps in Python, once."""
         if self._warn:
             self._warn = False
-            warnings.warn(f"steps are not compiled, but in Python: {why}", UncompiledWarning, stacklevel=5)
+            warn_of_python(why)
 
     def _tell_of_callback(self) -> None:
         self._tell("a callback of MuJoCo is set")

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from functools import cache
 from typing import TYPE_CHECKING, Any, Literal
 
 import mujoco
 
 from impactlaw.compiled import announce, compile_together
-from impactlaw.errors import UncompilableError, UncompiledWarning
+from impactlaw.errors import UncompilableError, warn_of_python
 from impactlaw.laws import Law, Moreau
 from impactlaw.solvers import load_solvers
 from impactlaw.stepping.plan import Plan, make_plan
@@ -75,5 +74,5 @@ def make_time_stepping(
         return CompiledStepping(scheme, warn=compiled == "auto")
     except UncompilableError as error:
         if compiled == "auto":
-            warnings.warn(f"steps are not compiled, but in Python: {error}", UncompiledWarning, stacklevel=3)
+            warn_of_python(error)
         return scheme

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from impactlaw import Coulomb, Fremond, Law, MaximalDissipation, Moreau, Newton, Stepper
+from impactlaw import Coulomb, Fremond, Law, MaximalDissipation, Moreau, Newton, Poisson, Stepper
 from impactlaw.errors import DivergenceError, InadmissibleImpactError, UncompiledWarning
 from scripts.robots.agreement import begin_alike, compiled_stepper, difference
 
@@ -203,6 +203,17 @@ def test_laws_that_create_energy_are_refused_where_asked():
         except InadmissibleImpactError as error:
             outcomes.append(str(error))
     assert outcomes[0] == outcomes[1]
+
+
+@pytest.mark.parametrize("options", [{"scheme": "time-stepping"}, {"contact_model": "soft"}], ids=["time", "soft"])
+def test_a_warning_names_the_line_of_the_user(options):
+    model = mujoco.MjModel.from_xml_string(SCENE.format(**VARIANTS[0]))
+    with pytest.warns(UncompiledWarning) as made:
+        Stepper(model, Poisson(0.5), compiled="auto", **options)
+    stepper = Stepper(model, Moreau(0.5), compiled="auto", **options)
+    with pytest.warns(UncompiledWarning) as changed:
+        stepper.law = Poisson(0.5)
+    assert [one.filename for one in (*made, *changed)] == [__file__] * 2
 
 
 def test_what_is_not_compiled_is_said_once():
