@@ -108,7 +108,6 @@ def _velocity(value: ArrayLike, collision: Collision, index: int) -> np.ndarray:
         raise MeasurementError(f"the velocity after collision {index} is not an array of numbers") from None
     if v.shape != collision.pre_velocity.shape or not np.isfinite(v).all():
         raise MeasurementError(
-            f"the velocity after collision {index} must be finite with shape {collision.pre_velocity.shape}, got "
-            f"shape {v.shape}"
+            f"the velocity after collision {index} must be {len(collision.pre_velocity)} finite numbers, got {v!s:.100}"
         )
     return v

@@ -218,7 +218,7 @@ def test_refusals():
             fit(*no_list)
     with pytest.raises(MeasurementError, match="2 collisions, but 1 velocities"):
         fit(collisions, after[:1], "newton")
-    with pytest.raises(MeasurementError, match="velocity after collision 1 must be finite"):
+    with pytest.raises(MeasurementError, match="velocity after collision 1 must be 3 finite numbers, got"):
         fit(collisions, [np.zeros(3), np.full(3, np.nan)], "newton")
     with pytest.raises(MeasurementError, match="needs tangential directions"):
         fit(collisions, after, "routh")
