@@ -251,8 +251,9 @@ class Stepper:
 
         - Time stepping counts a step if its shortfall was above 1e-6 of the largest contact velocity and 1e-8 m/s; if
           friction was not found, that is, if its natural map stayed above 1e-6 of the largest velocity; if bodies that
-          did not overlap before overlap by more than 1e-5 m at its end; or if contacts lost their restitution, because
-          too many were hit through others, one after another, for one step, or because friction jams bodies.
+          did not overlap before overlap by more than 1e-5 m at its end, or at its start if the step before did not see
+          the contact; or if contacts lost their restitution, because too many were hit through others, one after
+          another, for one step, or because friction jams bodies.
         - Event-driven steps count by the same rule if time stepping took over part of them.
         - Soft steps count if contacts lost their restitution, or if friction or constraints jam bodies whatever the
           law is, so that they were left to MuJoCo's contacts.

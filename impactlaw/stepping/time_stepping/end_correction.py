@@ -12,9 +12,9 @@ from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.whitening import Inertia
 from impactlaw.stepping.time_stepping.free_motion import update_frames
 from impactlaw.stepping.time_stepping.problem.contact_points import find_nearest
-from impactlaw.stepping.time_stepping.problem.overlaps import open_overlaps
+from impactlaw.stepping.time_stepping.problem.overlaps import COUNTED, begins_deep, open_overlaps
 from impactlaw.stepping.time_stepping.problem.reader import RowReader, read_rows
-from impactlaw.stepping.time_stepping.problem.rows import Rows
+from impactlaw.stepping.time_stepping.problem.rows import Known, Rows
 from impactlaw.stepping.time_stepping.standing_cylinders import CYLINDER, PLANE, find_standing
 from impactlaw.stepping.time_stepping.temporary_options import TemporaryOptions
 
@@ -35,8 +35,6 @@ ROUNDS = 3
 """Largest number of corrections in a step: where a contact jumps, one does not open all of an overlap."""
 LITTLE = 0.5
 """Part of the depth before a correction that may remain if there is to be another one."""
-COUNTED = 1e-5
-"""Depth, m, up to which an overlap that remains is not counted."""
 LAST_LOSS = int(mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON)
 
 
@@ -196,7 +194,7 @@ def bend(contacts, rows, geometry, motion, mocap, surface_speed, at, timestep, a
     return deepest, slow
 
 
-_bend = for_python(bend)
+_bend, _begins_deep = for_python(bend), for_python(begins_deep)
 
 
 @compiled()
@@ -234,6 +232,13 @@ class EndCorrection:
     def __init__(self, model: mujoco.MjModel, size: np.ndarray, options: TemporaryOptions, reader: RowReader):
         self._model, self._size, self._options, self._reader = model, size, options, reader
         self._scratch: mujoco.MjData | None = None
+
+    def begins_deep(self, rows: Rows, known: Known | None, start: np.ndarray) -> bool:
+        """Return what `overlaps.begins_deep` returns, for the position at the start of the step, (nq,)."""
+        model, keys = self._model, np.zeros(0, np.int64) if known is None else known.key
+        now, geometry = self._other(), (model.body_rootid, model.geom_bodyid, model.geom_type)
+        at = (model._address, now._address)
+        return _begins_deep(rows, keys, model.opt.timestep, model.body_mocapid, geometry, start, now.qpos, at)
 
     def correct(
         self,
@@ -300,10 +305,7 @@ class EndCorrection:
 
     def _look(self, data: mujoco.MjData) -> mujoco.MjData:
         """Return data with the current contacts."""
-        model = self._model
-        if self._scratch is None:
-            self._scratch = mujoco.MjData(model)
-        now = self._scratch
+        model, now = self._model, self._other()
         now.qpos[:], now.eq_active[:] = data.qpos, data.eq_active
         now.mocap_pos[:], now.mocap_quat[:] = data.mocap_pos, data.mocap_quat
         mujoco.mj_kinematics(model, now)
@@ -314,3 +316,9 @@ class EndCorrection:
         if now.ncon:
             find_nearest(model, now)
         return now
+
+    def _other(self) -> mujoco.MjData:
+        """Return other data of the model."""
+        if self._scratch is None:
+            self._scratch = mujoco.MjData(self._model)
+        return self._scratch

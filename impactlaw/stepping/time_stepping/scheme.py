@@ -79,7 +79,8 @@ class TimeStepping:
             `SHORTFALL_LIMIT` of the largest contact velocity. Friction was not found: its natural map is above
             `SHORTFALL_LIMIT` of the largest velocity. MuJoCo had no room for all contacts. Contacts have lost their
             restitution, because they were hit through others or because bodies jam. Contacts were left out that a
-            collision closes. Bodies have come to overlap by more than `end_correction.COUNTED`.
+            collision closes. Bodies have come to overlap by more than `overlaps.COUNTED`, or begin so because the step
+            before has not seen them.
         solved: whether the last step with contact is not among these steps, apart from friction that was not found.
         unlocated: always 0, since no collision is located.
         inertial: Coriolis and gyroscopic forces.
@@ -252,7 +253,7 @@ class TimeStepping:
         self._gained, free = data.qvel - self._velocity, data.qvel.copy()
         shift, met = None, True
         if data.nefc:
-            shift, met = self._contact(data)
+            shift, met = self._contact(data, start if same else None)
         else:
             self._known, self.solved = None, self.solved and not self._overflown
             self.short_steps += self._overflown
@@ -279,8 +280,8 @@ class TimeStepping:
             limit_energy(model, data, self.inertial, start, self._velocity)
         self._finish(data)
 
-    def _contact(self, data: mujoco.MjData) -> tuple[np.ndarray | None, bool]:
-        """Add the effect of contact to the velocity.
+    def _contact(self, data: mujoco.MjData, left: np.ndarray | None) -> tuple[np.ndarray | None, bool]:
+        """Add the effect of contact to the velocity; ``left``, (nq,), is where the last step has left data, if it has.
 
         Return the velocity that opens overlaps, if there are any to open, and whether the law is met.
         """
@@ -308,6 +309,8 @@ class TimeStepping:
         met = outcome.met and not self._overflown
         self.solved = met and not outcome.loses and not outruns
         self._counted = not (self.solved and outcome.rubs)
+        if left is not None:
+            self._counted |= self._end_correction.begins_deep(outcome.rows, self._known, left)
         self.short_steps += self._counted
         self._known = outcome.known if found else None
         if found:

@@ -44,6 +44,7 @@ from impactlaw.stepping.compiled.fields import (
     flags,
     floats,
     keep,
+    long_at,
     put_int,
     table_ints,
 )
@@ -56,7 +57,6 @@ from impactlaw.stepping.time_stepping.compiled.state.surfaces import surface_spe
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World, metric_of, setting
 from impactlaw.stepping.time_stepping.end_correction import (
     BEYOND,
-    COUNTED,
     LAST_LOSS,
     LITTLE,
     ROUNDS,
@@ -66,7 +66,7 @@ from impactlaw.stepping.time_stepping.end_correction import (
 )
 from impactlaw.stepping.time_stepping.margins import LEAST
 from impactlaw.stepping.time_stepping.problem.contact_points import add_nearest
-from impactlaw.stepping.time_stepping.problem.overlaps import open_overlaps
+from impactlaw.stepping.time_stepping.problem.overlaps import COUNTED, begins_deep, open_overlaps
 
 _PYRAMIDAL, _ELLIPTIC = int(mujoco.mjtCone.mjCONE_PYRAMIDAL), int(mujoco.mjtCone.mjCONE_ELLIPTIC)
 _FRICTIONAL = np.bool_(True)
@@ -269,6 +269,19 @@ def correct_end(w, rows, pairs, gaps):
         if not opened or depth == 0.0 or depth > LITTLE * before:
             break
     return depth > COUNTED
+
+
+@plain
+def begins_overlapping(w, rows, known_key, start):
+    """Return what `overlaps.begins_deep` returns, for the position at the start of the step, (nq,)."""
+    nbody, ngeom = size(w, MODEL.nbody), size(w, MODEL.ngeom)
+    geometry = (
+        model_ints(w, MODEL.body_rootid, nbody), model_ints(w, MODEL.geom_bodyid, ngeom),
+        model_ints(w, MODEL.geom_type, ngeom),
+    )  # fmt: skip
+    mocap = model_ints(w, MODEL.body_mocapid, nbody)
+    qpos = floats(long_at(w.scratch + offset(w, DATA.qpos)), len(start))
+    return begins_deep(rows, known_key, w.timestep, mocap, geometry, start, qpos, (w.model, w.scratch))
 
 
 @plain

@@ -79,6 +79,7 @@ def _begin(w, counts, left, frames, gained, held, loaded):
     same = counts[MEMORY.known] != 0 and equal(left[:nq], qpos) and equal(left[nq:], qvel)
     if loaded or not same or not are_left(w, frames):
         update_frames(w)
+    counts[MEMORY.known] = same
     if not same:
         forget(counts)
         clear(gained)

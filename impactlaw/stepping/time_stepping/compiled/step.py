@@ -25,6 +25,7 @@ from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import data_floats, nonzeros_of, number, size, velocity_of
 from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, float_at, floats, int_at, keep, long_at
 from impactlaw.stepping.time_stepping.compiled.end_of_step import (
+    begins_overlapping,
     copy_contacts,
     correct_end,
     finish,
@@ -51,6 +52,7 @@ from impactlaw.stepping.time_stepping.compiled.state.memory import (
     forget,
     found_so_far,
     keep_frames,
+    last_step,
     remember,
     remember_so_far,
 )
@@ -112,8 +114,8 @@ def _finish(w, memory, counts, left, frames, collided, missed):
 
 @plain
 def _constrain(
-    w, law, memory, counts, held, start, middle, bias, turning, gravity, full, cone, jacobian, chosen, seen, mark,
-    force, pairs, gaps, room, narrow, may, work,
+    w, law, memory, counts, held, begun, start, middle, bias, turning, gravity, full, cone, jacobian, chosen, seen,
+    mark, force, pairs, gaps, room, narrow, may, work,
 ):  # fmt: skip
     """Take the rest of a step with constraints, from its middle.
 
@@ -137,6 +139,7 @@ def _constrain(
     if outruns and may and floats(w.work, 1)[0] - RESERVE > work - floats(w.work, 1)[0]:
         remember_so_far(counts, rows, answer.x)
         return FARTHER, False, 0.0
+    unseen = counts[MEMORY.known] != 0 and begins_overlapping(w, rows, last_step(counts).key, begun)
     clear(held)
     if touched and not solved.collided:
         free, after = velocities_at(room, 0, 1), velocity_of(w)
@@ -159,7 +162,8 @@ def _constrain(
     if status == FINE and met:  # overlaps that are squeezed cannot be opened
         remains = correct_end(w, rows, pairs, gaps)
     if status == FINE:
-        memory[MEMORY.short_steps] += remains or counts[MEMORY.solved] == 0 or solved.residual > SHORTFALL_LIMIT
+        short = counts[MEMORY.solved] == 0 or solved.residual > SHORTFALL_LIMIT
+        memory[MEMORY.short_steps] += short or remains or unseen
         memory[MEMORY.inadmissible] += solved.collided and (solved.share < 1.0 or solved.created > 0.0)
     return status, solved.collided, solved.missed
 
@@ -199,8 +203,8 @@ def _step(w, law, memory, margins, cone, loaded):
         pairs, gaps = integers(2 * number(w, DATA.ncon)), numbers(number(w, DATA.ncon))
         room = lay_out(address_of(block), n, entries, nv)[0]
         status, collided, missed = _constrain(
-            w, law, memory, counts, held, start, middle, bias, turning, gravity, full, cone, jacobian, chosen, seen,
-            mark, force, pairs, gaps, room, narrow, farther < WIDER_DETECTIONS, allowed,
+            w, law, memory, counts, held, begun, start, middle, bias, turning, gravity, full, cone, jacobian, chosen,
+            seen, mark, force, pairs, gaps, room, narrow, farther < WIDER_DETECTIONS, allowed,
         )  # fmt: skip
         keep(block)
         if status == FARTHER:

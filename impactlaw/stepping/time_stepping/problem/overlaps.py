@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import BILATERAL, CONE
-from impactlaw.solvers.cones.algebra.loops import clear, numbers, plain
+from impactlaw.solvers.cones.algebra.loops import clear, numbers, plain, put
+from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.whitening import unwhitened
+from impactlaw.stepping.time_stepping.problem.rows import find_group
 
+COUNTED = 1e-5
+"""Depth, m, up to which an overlap that a step leaves is not counted."""
 _SLOP = 1e-8  # m or rad: smaller overlaps are left to the velocities
 _SWEEPS = 40  # number of sweeps over contacts that overlap
 _SETTLED = 1e-4  # change of velocity, relative to the needed velocity, up to which the iteration has converged
@@ -16,7 +21,42 @@ _OPENING = 0.2  # m/s or rad/s: least speed at which overlaps of the start are o
 _OPENING_TIME = 0.1  # s: time in which most of a deep overlap is opened
 _FARTHEST = 0.1  # m or rad: largest opening of overlaps in one step
 _ALONG = 30.0  # sliding distance per opening distance from which a motion does not count as opening an overlap
+_SDF = int(mujoco.mjtGeom.mjGEOM_SDF)
 _NEVER = -1e30  # m/s: the needed velocity of a contact that need not open
+
+
+@plain
+def begins_deep(rows, known_key, timestep, mocap, geometry, start, qpos, at):
+    """Return whether bodies overlap at the start of a step whose contact the last step has not seen.
+
+    MuJoCo finds no contact of some boxes that are still apart. Gradients tell which overlaps are possible, and these
+    are measured. Bodies that mocap bodies carry are left out.
+
+    Args:
+        rows: see `rows.Rows`.
+        known_key: keys of the groups of the last step.
+        timestep: h, s.
+        mocap: index of the mocap body that each body is, or -1, (nbody,).
+        geometry: MuJoCo's body_rootid, geom_bodyid and geom_type.
+        start: position at the start, (nq,).
+        qpos: position of other data, (nq,), written.
+        at: addresses of the model and of these data.
+    """
+    (root, body, shape), placed = geometry, False
+    for g in range(len(rows.key)):
+        row, one, other = rows.groups[0, g], rows.key[g] >> 32, rows.key[g] & 0xFFFFFFFF
+        if rows.groups[3, g] < 0 or rows.amounts[0, g] - 0.5 * timestep * rows.rates[1, row] >= -COUNTED:
+            continue
+        known = find_group(rows.key[g], known_key, 0) >= 0 or shape[one] == _SDF or shape[other] == _SDF
+        if known or mocap[root[body[one]]] >= 0 or mocap[root[body[other]]] >= 0:
+            continue
+        if not placed:
+            put(qpos, start)
+            mj.kinematics(at[0], at[1])
+            placed = True
+        if mj.geom_distance(at[0], at[1], one, other, 0.0, 0) < -COUNTED:
+            return True
+    return False
 
 
 @plain
