@@ -86,12 +86,13 @@ class PlacedLaw(LawInForce, ABC):
             self._log.pause()
 
     def begin_episode(self, scene: str | None, seed: int | None, generator: Any) -> None:
-        """Record the initial state of an episode, after the reset."""
+        """Follow a reset, which may have compiled a new model, and record the initial state of the episode."""
         self._stepped = False
+        model, data = self.simulation()
+        stepper = self._stepper_for(model)
         if self._log is not None:
-            model, data = self.simulation()
             self._log.name_run(scene, seed, self.frame_skip)
-            self._log.begin(self._stepper_for(model), data, self._in_force, seed=seed, generator=generator)
+            self._log.begin(stepper, data, self._in_force, seed=seed, generator=generator)
 
     def record_step(self, action: Any, reward: Any, terminated: bool, truncated: bool) -> None:
         """Record the end of an environment step."""

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 from dm_control import suite
+from gymnasium.envs.mujoco.hopper_v5 import HopperEnv
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import RecordEpisodeStatistics, TimeLimit
@@ -188,6 +189,34 @@ def test_a_new_model_gets_a_new_stepper():
     mujoco.mj_forward(heavier, data)
     mujoco.mj_fullM(heavier, data, wanted)
     np.testing.assert_allclose(env.events[0].impact.collision.mass_matrix, wanted, rtol=1e-9, atol=1e-12)
+
+
+class _OtherFloor(HopperEnv):
+    """A task whose reset compiles a model with another restitution."""
+
+    def reset(self, *, seed=None, options=None):
+        spec = mujoco.MjSpec.from_file(self.fullpath)
+        spec.add_numeric(name="restitution", data=[0.25 if seed is None else 0.5])
+        self.model = spec.compile()
+        self.data = mujoco.MjData(self.model)
+        return super().reset(seed=seed, options=options)
+
+
+def test_stepper_and_law_after_a_reset_are_those_of_its_model():
+    spec = mujoco.MjSpec.from_file(HopperEnv().fullpath)
+    spec.add_numeric(name="restitution", data=[0.75])
+    plain = _OtherFloor()
+    plain.model = spec.compile()
+    plain.data = mujoco.MjData(plain.model)
+    env = ImpactLaw(plain, "scene")
+    for seed, restitution in ((0, 0.5), (None, 0.25)):
+        _, info = env.reset(seed=seed)
+        stepper = env.stepper
+        assert stepper is not None
+        assert stepper.model is plain.model
+        assert info["impact/restitution"] == restitution
+        env.step(env.action_space.sample())
+        assert env.stepper is stepper
 
 
 @pytest.mark.parametrize("name", ["Hopper-v5", "HalfCheetah-v5"])
