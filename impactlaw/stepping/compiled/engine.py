@@ -6,13 +6,12 @@ import ctypes
 import weakref
 from collections.abc import Callable
 from functools import cache, partial
-from typing import Any, cast
+from typing import Any
 
 import mujoco
-import numba
 import numpy as np
-from numba import types
 
+from impactlaw.compiled import compiled
 from impactlaw.stepping.compiled.fields import longs
 from impactlaw.stepping.compiled.libmujoco import apply_to_worlds, library
 
@@ -101,17 +100,16 @@ def _empty_model() -> Any:
     return mujoco.MjModel.from_xml_string("<mujoco/>")
 
 
-@cast(Any, numba).cfunc(types.int32(types.int64))
-def _enter(place):
-    """Call a C function for the only world of a pool; return the number of errors.
+@compiled("int64(int64,int64)", counts=False)
+def _enter(place, data):
+    """Call a C function for the only world of a pool; return what it has written second into its argument.
 
-    The arguments are at an address: a call with one argument takes Python half the time of one with six.
+    Before, the address of the data is written first into it. The result is -1 if MuJoCo has raised an error.
     """
     pool, function, argument = longs(place, 3)
-    return apply_to_worlds(pool, 0, np.int32(1), function, argument, np.int32(0))
-
-
-_ENTER = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)
+    context = longs(argument, 2)
+    context[0] = data
+    return -1 if apply_to_worlds(pool, 0, np.int32(1), function, argument, np.int32(0)) else context[1]
 
 
 class Entry:
@@ -121,13 +119,17 @@ class Entry:
 
     Args:
         function: address of the C function.
-        context: its argument, int64; kept by the caller.
+        context: its argument, int64, see `_enter`; kept by the caller.
+
+    Attributes:
+        call: function of the address of a world's data, see `_enter`.
     """
 
     def __init__(self, function: int, context: np.ndarray):
         self._pool = Pool(_empty_model(), 1, 1, persistent=True)
         self._arguments = np.array([self._pool.handle, function, context.ctypes.data])
-        self.call = partial(_ENTER(_enter.address), ctypes.c_void_p(self._arguments.ctypes.data))
+        (made,) = _enter.overloads.values()
+        self.call = partial(made.entry_point, self._arguments.ctypes.data)  # does not look at the types of arguments
 
     @property
     def message(self) -> str:

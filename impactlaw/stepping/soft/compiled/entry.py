@@ -11,7 +11,7 @@ from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import clear
 from impactlaw.stepping.compiled.fields import flags, floats, longs
 from impactlaw.stepping.compiled.libmujoco import is_watched
-from impactlaw.stepping.soft.compiled.collide import SUMS
+from impactlaw.stepping.soft.compiled.collide import COUNT, SUMS
 from impactlaw.stepping.soft.compiled.step import advance
 from impactlaw.stepping.soft.compiled.world import CALLBACK, FINE, Law
 
@@ -23,8 +23,9 @@ class Context(NamedTuple):
     """Indices of the numbers that the entry is given: addresses, numbers of entries, and flags.
 
     Attributes:
-        model: address of the model.
         data: address of the data of the world.
+        news: whether the last step has a status other than `FINE`, or any of the steps has had a collision, written.
+        model: address of the model.
         trial: address of other data.
         table: address of offsets of fields.
         numbers: address of restitution, tangential restitution, rest speed, and the sums over all steps, written.
@@ -50,31 +51,32 @@ class Context(NamedTuple):
         last_exact: whether friction is exact Coulomb friction in the last collision, see `world.Law`.
     """
 
-    model: int = 0
-    data: int = 1
-    trial: int = 2
-    table: int = 3
-    numbers: int = 4
-    exact: int = 5
-    frictional: int = 6
-    most: int = 7
-    collides: int = 8
-    keys: int = 9
-    known: int = 10
-    values: int = 11
-    callbacks: int = 12
-    callback_count: int = 13
-    steps: int = 14
-    states: int = 15
-    state_size: int = 16
-    status: int = 17
-    taken: int = 18
-    asked: int = 19
-    outcomes: int = 20
-    outcome_count: int = 21
-    bilateral: int = 22
-    constraints: int = 23
-    last_exact: int = 24
+    data: int = 0
+    news: int = 1
+    model: int = 2
+    trial: int = 3
+    table: int = 4
+    numbers: int = 5
+    exact: int = 6
+    frictional: int = 7
+    most: int = 8
+    collides: int = 9
+    keys: int = 10
+    known: int = 11
+    values: int = 12
+    callbacks: int = 13
+    callback_count: int = 14
+    steps: int = 15
+    states: int = 16
+    state_size: int = 17
+    status: int = 18
+    taken: int = 19
+    asked: int = 20
+    outcomes: int = 21
+    outcome_count: int = 22
+    bilateral: int = 23
+    constraints: int = 24
+    last_exact: int = 25
 
 
 CONTEXT = Context()
@@ -85,7 +87,7 @@ def steps(context):
     """Take the steps, until one of them has a status other than `FINE`."""
     c = longs(context, len(CONTEXT))
     numbers, width = floats(c[CONTEXT.numbers], TOTAL + SUMS), c[CONTEXT.state_size]
-    c[CONTEXT.taken] = 0
+    c[CONTEXT.taken], c[CONTEXT.news] = 0, 1
     clear(numbers[TOTAL:])
     if is_watched(longs(c[CONTEXT.callbacks], c[CONTEXT.callback_count])):
         c[CONTEXT.status] = CALLBACK
@@ -108,6 +110,7 @@ def steps(context):
             return
         numbers[TOTAL:] += sums
         c[CONTEXT.taken] += 1
+    c[CONTEXT.news] = numbers[TOTAL + COUNT] > 0.0
 
 
 @cast(Any, numba).cfunc(types.void(types.int64, types.int64, types.int32, types.int64))

@@ -14,7 +14,7 @@ from impactlaw.stepping.compiled.one_world import OneWorld
 from impactlaw.stepping.impact_event import ImpactEvent, LazyEvents, together
 from impactlaw.stepping.integration import empty_state, restore_state
 from impactlaw.stepping.soft.compiled import world
-from impactlaw.stepping.soft.compiled.collide import LAST, SHORT, SUMS
+from impactlaw.stepping.soft.compiled.collide import COUNT, LAST, SHORT, SUMS
 from impactlaw.stepping.soft.compiled.contacts.outcomes import Outcome, outcomes_in
 from impactlaw.stepping.soft.compiled.entry import CONTEXT, TOTAL, entry
 from impactlaw.stepping.soft.compiled.law import coefficients, reason, settings
@@ -22,7 +22,7 @@ from impactlaw.stepping.soft.compiled.repeated_steps import RepeatedStep, StepRe
 from impactlaw.stepping.soft.compiled.world import SETTING
 from impactlaw.stepping.soft.scheme import SoftStepping
 
-_DATA, _STEPS, _TAKEN, _STATUS = CONTEXT.data, CONTEXT.steps, CONTEXT.taken, CONTEXT.status
+_STEPS, _TAKEN, _STATUS = CONTEXT.steps, CONTEXT.taken, CONTEXT.status
 _ROOM = 1_000_000  # numbers that tell the collisions of almost any step
 
 
@@ -38,7 +38,7 @@ class CompiledSoftStepping(OneWorld):
         model: Any = scheme.model
         super().__init__(model, entry.address, CONTEXT, warn=warn)
         self._scheme, self._trial = scheme, mujoco.MjData(model)
-        self._room, self._steps = len(empty_state(model)), 1
+        self._room, self._steps = len(empty_state(model)), 0
         self._states = np.zeros((1, self._room + SUMS))
         self._numbers = np.array([np.nan, 0.0, scheme.collisions.rest_speed, *np.zeros(SUMS)])
         self._total = memoryview(self._numbers.data)[TOTAL:]
@@ -90,30 +90,37 @@ class CompiledSoftStepping(OneWorld):
     def step(self, data: mujoco.MjData, steps: int = 1) -> LazyEvents:
         """Advance by a number of timesteps, 1 or more, and return their collisions, to be resolved on demand."""
         parts: list[LazyEvents] = []
-        opened = self._opened()
+        opened, simulation = self._opened(), data
         if opened is None:
             self._in_python(data, steps, parts)
             return together(parts)
-        if steps > self._steps:
-            self._steps, self._states = steps, np.zeros((steps, self._room + SUMS))
-            self._write_context()
-        fields, simulation = self._fields, data
-        fields[_DATA] = simulation._address  # pyright: ignore[reportAttributeAccessIssue]
-        while steps:
-            fields[_STEPS] = steps
-            if opened.call():
-                self._fail(data, self._states[fields[_TAKEN], : self._room], opened.message)
-            taken, how = fields[_TAKEN], fields[_STATUS]
-            steps -= taken
-            total = self._total
-            if total[0]:
-                if total[LAST] or total[SHORT]:
-                    self._scheme.collisions.unlocated += int(total[LAST])
-                    self._scheme.collisions.short_steps += int(total[SHORT])
-                parts.append(RepeatedStep(self._repeater, self._states[:taken].copy(), bytes(total)))
-            if how != world.FINE:
-                steps -= self._go_on(how, data, steps, parts)
+        if steps != self._steps:
+            self._ask_for(steps)
+        while news := opened.call(simulation._address):  # pyright: ignore[reportAttributeAccessIssue]
+            if news < 0:
+                self._fail(data, self._states[self._fields[_TAKEN], : self._room], opened.message)
+            steps -= self._listen(data, steps, parts)
+            if not steps:
+                break
+            self._ask_for(steps)
         return together(parts) if parts else ()
+
+    def _ask_for(self, steps: int) -> None:
+        """Let compiled code take a number of steps."""
+        if steps > len(self._states):
+            self._states = np.zeros((steps, self._room + SUMS))
+            self._write_context()
+        self._steps = self._fields[_STEPS] = steps
+
+    def _listen(self, data: mujoco.MjData, steps: int, parts: list[LazyEvents]) -> int:
+        """Add the collisions of compiled code, and take the step that it has left; return the number of steps taken."""
+        taken, how, total = self._fields[_TAKEN], self._fields[_STATUS], self._total
+        if total[COUNT]:
+            if total[LAST] or total[SHORT]:
+                self._scheme.collisions.unlocated += int(total[LAST])
+                self._scheme.collisions.short_steps += int(total[SHORT])
+            parts.append(RepeatedStep(self._repeater, self._states[:taken].copy(), bytes(total)))
+        return taken if how == world.FINE else taken + self._go_on(how, data, steps - taken, parts)
 
     def _go_on(self, how: int, data: mujoco.MjData, steps: int, parts: list[Any]) -> int:
         """Take the step that compiled code has left, or look up a coefficient; return the number of steps taken."""

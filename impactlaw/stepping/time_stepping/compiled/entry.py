@@ -22,27 +22,27 @@ from impactlaw.stepping.time_stepping.compiled.step import STATE, advance
 class Context(NamedTuple):
     """Indices of the numbers that an entry is given: addresses, some followed by the number of entries there."""
 
-    model: int = 0  # the scene's model
-    data: int = 1  # data of the world
-    scratch: int = 2  # other data
-    table: int = 3  # offsets of fields
-    settings: int = 4  # see `world.Settings`
-    carriers: int = 5  # which mocap body carries each geom
-    bilateral: int = 6  # kinds of equality constraints, 0 for those that a collision may violate
-    keys: int = 7  # keys of the law's contacts, and their number
-    values: int = 8  # restitution of these contacts
-    known: int = 9
-    memory: int = 10  # memory of the world, and its size
-    memories: int = 11
-    structure: int = 12  # room for a copy of the model's structure
-    margins: int = 13  # room for the margins of the copy, and their number
-    margin_count: int = 14
-    state: int = 15  # room for the state, and its size
-    states: int = 16
-    before: int = 17  # room for a copy of the memory before the step
-    callbacks: int = 18  # addresses of MuJoCo's callbacks, and their number
-    callback_count: int = 19
-    status: int = 20  # how the step has ended, written
+    data: int = 0  # data of the world
+    status: int = 1  # how the step has ended, written
+    model: int = 2  # the scene's model
+    scratch: int = 3  # other data
+    table: int = 4  # offsets of fields
+    settings: int = 5  # see `world.Settings`
+    carriers: int = 6  # which mocap body carries each geom
+    bilateral: int = 7  # kinds of equality constraints, 0 for those that a collision may violate
+    keys: int = 8  # keys of the law's contacts, and their number
+    values: int = 9  # restitution of these contacts
+    known: int = 10
+    memory: int = 11  # memory of the world, and its size
+    memories: int = 12
+    structure: int = 13  # room for a copy of the model's structure
+    margins: int = 14  # room for the margins of the copy, and their number
+    margin_count: int = 15
+    state: int = 16  # room for the state, and its size
+    states: int = 17
+    before: int = 18  # room for a copy of the memory before the step
+    callbacks: int = 19  # addresses of MuJoCo's callbacks, and their number
+    callback_count: int = 20
     asked: int = 21  # see `law.LawTable`, written
 
 

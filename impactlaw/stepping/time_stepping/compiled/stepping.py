@@ -30,7 +30,7 @@ from impactlaw.stepping.time_stepping.compiled.state.surfaces import last_motion
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
-_DATA, _STATUS, _COLLIDED, _SUMS = CONTEXT.data, CONTEXT.status, MEMORY.collided, SETTING.sums
+_COLLIDED, _SUMS = MEMORY.collided, SETTING.sums
 
 
 class CompiledStepping(OneWorld):
@@ -109,20 +109,16 @@ class CompiledStepping(OneWorld):
             return self._in_python(data)
         if not self._inertial.act and self._inertial.look():
             self._settings[SETTING.inertial] = 1.0
-        fields, world = self._fields, data
-        fields[_DATA] = world._address  # pyright: ignore[reportAttributeAccessIssue]
-        while True:
-            if entry.call():
+        world: Any = data
+        while (how := entry.call(world._address)) != status.FINE:
+            if how < 0:
                 self._fail(data, self._state, entry.message)
-            how = fields[_STATUS]
-            if how == status.FINE:
-                break
             if how == status.CALLBACK:
                 self._tell_of_callback()
                 return self._in_python(data)
             if how != status.UNKNOWN:
                 raise self._error(how, data)
-            self._coefficients.learn(fields[CONTEXT.asked])
+            self._coefficients.learn(self._fields[CONTEXT.asked])
             self._write_context()
         if not self._told[_COLLIDED]:
             return ()
