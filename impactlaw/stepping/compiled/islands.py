@@ -25,6 +25,8 @@ def join_trees(kinds, number, Jnnz, Jadr, Jcol, J, tree, label):
     """Write the result of `joined_trees`."""
     for t in range(len(label)):
         label[t] = t
+    if len(label) == 1:
+        return
     last = np.int64(-1)
     for row in range(len(kinds)):
         if kinds[row] == _LOSS[0] or kinds[row] == _LOSS[1]:

@@ -22,6 +22,7 @@ from impactlaw.solvers.cones.algebra.loops import (
     kernel,
     norm,
     numbers,
+    once,
     plain,
     put,
     zeros,
@@ -48,8 +49,8 @@ from impactlaw.stepping.soft.compiled.contacts.active_contacts import (
     within_reach,
 )
 from impactlaw.stepping.soft.compiled.contacts.drifting_limits import leave_drifting_out
-from impactlaw.stepping.soft.compiled.contacts.equalities import projected, span
-from impactlaw.stepping.soft.compiled.contacts.kinds import FOUND, LAW, WORLD, typeof
+from impactlaw.stepping.soft.compiled.contacts.equalities import Gradients, projected, span
+from impactlaw.stepping.soft.compiled.contacts.kinds import FOUND, GRADIENTS, LAW, WORLD, typeof
 from impactlaw.stepping.soft.compiled.contacts.outcomes import write_outcome
 from impactlaw.stepping.soft.compiled.contacts.rows import everyone, reached_by, read
 from impactlaw.stepping.soft.compiled.contacts.work import work_of_each
@@ -146,23 +147,19 @@ def _some_driven(w, v, z, islands):
 
 @linked(
     types.int64(
-        WORLD, LAW, FOUND, FLOATS, FLOATS, _ISLANDS, types.float64, types.float64, types.boolean, FLOATS, FLOATS
+        WORLD, LAW, FOUND, FLOATS, FLOATS, _ISLANDS, GRADIENTS, types.float64, types.float64, types.boolean, FLOATS,
+        FLOATS,
     )
-)
-def _resolve(w, law, found, gamma, calm, islands, rounding, opening, last, velocity, sums):
+)  # fmt: skip
+def _resolve(w, law, found, gamma, calm, islands, gradients, rounding, opening, last, velocity, sums):
     """Resolve one collision: change the velocity, (nv,), and add to the sums; return its status.
 
     The last collision is of all contacts, with E = 0. The status is `_DRIVEN` if constraints that give way supply much
     of the energy of an island, see `_Islands`. It is `_OPPOSED` if restitution would be scaled while contacts take part
     that open, at speeds up to `opening`.
     """
-    inertia, root = inertia_of(w), numbers(w.nv)
-    for i in range(w.nv):
-        root[i] = np.sqrt(inertia.inverse[i])
-    jacobian = jacobian_of(w)
-    basis = numbers((number(w, DATA.ne) + 1) * w.nv if len(law.bilateral) > 0 else 0)
-    kept = span(w, law.bilateral, calm, jacobian, root, basis) if len(basis) > 0 else 0
-    reached, trembles = cleared(len(gamma)), False
+    (jacobian, root, basis), inertia = gradients, inertia_of(w)
+    kept, reached, trembles = len(basis) // w.nv, cleared(len(gamma)), False
     if last:
         for i in range(len(gamma)):
             reached[i] = True
@@ -230,6 +227,17 @@ def _find_calm(w, found, gamma, jacobian, islands, calm):
         calm[t] = calm[islands.label[t]]
 
 
+@once
+def _gradients(w, law, calm, jacobian):
+    """Return the `Gradients` of the current contacts, valid until the function that calls this returns."""
+    inverse, root = inertia_of(w).inverse, numbers(w.nv)
+    for i in range(w.nv):
+        root[i] = np.sqrt(inverse[i])
+    basis = numbers((number(w, DATA.ne) + 1) * w.nv if len(calm) > 0 else 0)
+    kept = span(w, law.bilateral, calm, jacobian, root, basis) if len(calm) > 0 else 0
+    return Gradients(jacobian, root, basis[: kept * w.nv])
+
+
 @kernel
 def _collide(w, law, islands, sums):
     """Do what `collide` does, once; constraints that move faster than a part of the fastest contact are giving way.
@@ -240,11 +248,14 @@ def _collide(w, law, islands, sums):
     found = find(w, law.bilateral)
     gamma, qvel = numbers(len(found.row)), velocity_of(w)
     lowest = normal_velocities(found, speeds, gamma)
+    if not lowest < -law.rest_speed:
+        return FINE, False
     calm, jacobian = zeros(len(islands.label)), jacobian_of(w)
     if len(calm) > 0:
         _find_calm(w, found, gamma, jacobian, islands, calm)
-    if lowest < -law.rest_speed and len(calm) > 0 and number(w, DATA.nl) > 0:
-        h = leave_drifting_out(w, law.bilateral, calm, found, gamma)
+    gradients = _gradients(w, law, calm, jacobian)
+    if len(gradients.basis) > 0 and number(w, DATA.nl) > 0:
+        h = leave_drifting_out(w, gradients, found, gamma)
         found, gamma = ActiveContacts(found.row[:h], found.contact[:h], found.paired[:h]), gamma[:h]
         lowest = normal_velocities(found, speeds, gamma)
     if not lowest < -law.rest_speed:
@@ -256,7 +267,7 @@ def _collide(w, law, islands, sums):
     while status == FINE:
         last = sums[COUNT] >= law.most
         put(before, velocity)
-        status = _resolve(w, law, found, gamma, calm, islands, rounding, opening, last, velocity, sums)
+        status = _resolve(w, law, found, gamma, calm, islands, gradients, rounding, opening, last, velocity, sums)
         if status == _OPPOSED:
             status, opening = FINE, 0.0
             continue

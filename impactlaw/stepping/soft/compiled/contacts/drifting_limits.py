@@ -10,12 +10,12 @@ from impactlaw.linked import linked
 from impactlaw.mechanics.tolerances import FIXED
 from impactlaw.scene.equality_constraints import CALM, DRIFT, HELD_BY_DRIFT
 from impactlaw.solvers.cones.algebra.loops import FIRST, FLOATS, dot, numbers, plain
-from impactlaw.stepping.compiled.access import inertia_of, jacobian_of, number, velocity_of
+from impactlaw.stepping.compiled.access import inertia_of, number, velocity_of
 from impactlaw.stepping.compiled.fields import DATA
 from impactlaw.stepping.compiled.tied_contacts import leave_out
 from impactlaw.stepping.compiled.whitening import whitened
-from impactlaw.stepping.soft.compiled.contacts.equalities import span, whitened_row
-from impactlaw.stepping.soft.compiled.contacts.kinds import BYTES, FOUND, WORLD
+from impactlaw.stepping.soft.compiled.contacts.equalities import whitened_row
+from impactlaw.stepping.soft.compiled.contacts.kinds import FOUND, GRADIENTS, WORLD
 
 
 @plain
@@ -59,33 +59,28 @@ def _keep(found, gamma, left, lengths, before, allowed, nv):
     return count
 
 
-@linked(types.int64(WORLD, BYTES, FLOATS, FOUND, FLOATS))
-def leave_drifting_out(w, bilateral, calm, found, gamma):
+@linked(types.int64(WORLD, GRADIENTS, FOUND, FLOATS))
+def leave_drifting_out(w, gradients, found, gamma):
     """Leave out limits that close because constraints drift: move the others to the front, and return their number.
 
     Args:
         w: the world.
-        bilateral: see `world.Law`.
-        calm: see `equalities.span`.
-        found: contacts and limits, written.
+        gradients: those of its contacts and constraints, some of which keep their velocity.
+        found: contacts and limits, limits first, written.
         gamma: contact velocities, (h,), written.
     """
-    nv, many, jacobian = w.nv, len(gamma), jacobian_of(w)
-    inertia, root = inertia_of(w), numbers(nv)
-    for i in range(nv):
-        root[i] = np.sqrt(inertia.inverse[i])
-    basis = numbers((number(w, DATA.ne) + 1) * nv)
-    kept = span(w, bilateral, calm, jacobian, root, basis)
-    if kept == 0:
-        return many
-    left, row, v = numbers(many * nv), numbers(nv), numbers(nv)
+    (jacobian, root, basis), nv, many, limits = gradients, w.nv, len(gamma), number(w, DATA.nl)
+    inertia, left, row, v, held = inertia_of(w), numbers(many * nv), numbers(nv), numbers(nv), False
     lengths, before, allowed = numbers(many), numbers(many), numbers(many)
     whitened(velocity_of(w), inertia, root, v)
     for i in range(many):
+        if i == limits and not held:  # contacts are needed only to compare limits with them
+            return many
         at = i * nv
         _normal(found, i, jacobian, inertia, root, row, left[at : at + nv])
         before[i] = np.sqrt(dot(left, at, left, at, nv))
-        part = leave_out(basis, kept, nv, left, at)
+        part = leave_out(basis, len(basis) // nv, nv, left, at)
         lengths[i] = part * before[i] if part > FIXED else 0.0
         allowed[i] = dot(left, at, v, FIRST, nv)
+        held = held or 0.0 < lengths[i] <= HELD_BY_DRIFT * before[i]
     return _keep(found, gamma, left, lengths, before, allowed, nv)

@@ -6,6 +6,8 @@ contacts become ``Y P`` with ``P = I - B^T B``.
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from impactlaw.mechanics.tolerances import FIXED
@@ -18,6 +20,8 @@ from impactlaw.stepping.compiled.islands import tree_of
 from impactlaw.stepping.compiled.tied_contacts import leave_out, parts_of_longest, write_lengths
 from impactlaw.stepping.soft.compiled.contacts.rows import Rows
 
+Array = np.ndarray[Any, Any]
+
 _CLEAR = 1.65 * OWN_CONSTRAINT
 """Volume spanned by unit rows, over the root of their number, above which no singular value is below `OWN_CONSTRAINT`.
 
@@ -25,6 +29,20 @@ The volume is the product of the singular values; without the smallest one the p
 """
 _ORTHOGONAL = 1e-15  # cosine between two rows up to which it is rounding
 _SWEEPS = 30  # sweeps allowed to Jacobi's method, which needs ten at most
+
+
+class Gradients(NamedTuple):
+    """What the collisions of one instant have in common.
+
+    Attributes:
+        jacobian: MuJoCo's rows, see `access.jacobian_of`.
+        root: ``D^-1/2``, (nv,).
+        basis: see `span`, (m nv,) for m directions.
+    """
+
+    jacobian: tuple[Array, Array, Array, Array]
+    root: Array
+    basis: Array
 
 
 @plain

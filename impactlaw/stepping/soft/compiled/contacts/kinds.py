@@ -8,6 +8,7 @@ import numba
 import numpy as np
 
 from impactlaw.stepping.soft.compiled.contacts.active_contacts import ActiveContacts
+from impactlaw.stepping.soft.compiled.contacts.equalities import Gradients
 from impactlaw.stepping.soft.compiled.contacts.rows import Rows
 from impactlaw.stepping.soft.compiled.world import Law, World
 
@@ -18,3 +19,4 @@ LAW = typeof(Law(0.0, 0.0, True, True, True, 0.0, 0, _KEYS, _FLOATS, _KEYS, _FLO
 BYTES = typeof(np.zeros(0, np.uint8))
 FOUND = typeof(ActiveContacts(_KEYS, _KEYS, _KEYS))
 ROWS = typeof(Rows(_KEYS, _SHORT, _SHORT, _SHORT, _SHORT, _SHORT, _FLOATS))
+GRADIENTS = typeof(Gradients((_SHORT, _SHORT, _SHORT, _FLOATS), _FLOATS, _FLOATS))
