@@ -48,7 +48,7 @@ class CompiledStepping(OneWorld):
         self._replay: weakref.ref[RepeatedStep] | None = None  # the last collision
         self._structure, self._state = np.zeros(int(self._table[SIZE.model]) // 8), empty_state(model)
         self._margins, self._settings = np.zeros(room(model)), np.zeros(len(SETTING))
-        self._chosen = memoryview(self._settings.data)
+        self._options = memoryview(self._settings.data)
         self._carriers, self._bilateral, self._scratch = scheme.carriers, constraint_kinds(model), mujoco.MjData(model)
         self._take_over()
 
@@ -122,7 +122,7 @@ class CompiledStepping(OneWorld):
             self._write_context()
         if not self._told[_COLLIDED]:
             return ()
-        summed = self._chosen[_SUMS]
+        summed = self._options[_SUMS]
         replay = RepeatedStep(self._repeater, self, self._state, self._before, self.numbers, summed)
         self._replay = weakref.ref(replay)
         return replay
