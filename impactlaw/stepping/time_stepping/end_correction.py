@@ -11,11 +11,11 @@ from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.whitening import Inertia
 from impactlaw.stepping.time_stepping.free_motion import update_frames
-from impactlaw.stepping.time_stepping.problem.contact_points import find_nearest
+from impactlaw.stepping.time_stepping.problem.contact_points import find_nearest, support
 from impactlaw.stepping.time_stepping.problem.overlaps import COUNTED, begins_deep, open_overlaps
 from impactlaw.stepping.time_stepping.problem.reader import RowReader, read_rows
 from impactlaw.stepping.time_stepping.problem.rows import Known, Rows
-from impactlaw.stepping.time_stepping.standing_cylinders import CYLINDER, PLANE, find_standing
+from impactlaw.stepping.time_stepping.standing_cylinders import PLANE, find_standing
 from impactlaw.stepping.time_stepping.temporary_options import TemporaryOptions
 
 _SEEN = 3e-6
@@ -27,10 +27,7 @@ SLOP = 1e-8
 """Depth, m or rad, that is left uncorrected."""
 BEYOND = 4.0
 """Range, as a multiple of the depth, within which opening some contacts can close others."""
-_FIELD, _SPHERE, _CAPSULE, _ELLIPSOID, _BOX, _SDF = (
-    int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}"))
-    for name in ("HFIELD", "SPHERE", "CAPSULE", "ELLIPSOID", "BOX", "SDF")
-)
+_FIELD, _SPHERE, _SDF = (int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("HFIELD", "SPHERE", "SDF"))
 ROUNDS = 3
 """Largest number of corrections in a step: where a contact jumps, one does not open all of an overlap."""
 LITTLE = 0.5
@@ -80,23 +77,6 @@ def _jump(one, other, shapes, sizes, velocity):
 
 
 @plain
-def _support(kind, size, normal):
-    """Return how far a shape extends from its center along a normal in its frame, m; infinite if not in closed form."""
-    x, y, z = abs(normal[0]), abs(normal[1]), abs(normal[2])
-    if kind == _SPHERE:
-        return size[0]
-    if kind == _CAPSULE:
-        return size[0] + size[1] * z
-    if kind == _ELLIPSOID:
-        return np.sqrt((size[0] * x) ** 2 + (size[1] * y) ** 2 + (size[2] * z) ** 2)
-    if kind == CYLINDER:
-        return size[0] * np.sqrt(x * x + y * y) + size[1] * z
-    if kind == _BOX:
-        return size[0] * x + size[1] * y + size[2] * z
-    return np.inf
-
-
-@plain
 def _plane_gap(one, other, shape, extent, place, turn):
     """Return the gap between a plane and another geom, m; minus infinity if it is not known in closed form."""
     if shape[one] != PLANE:
@@ -109,7 +89,7 @@ def _plane_gap(one, other, shape, extent, place, turn):
         gap += n * (place[other, k] - place[one, k])
         x, y, z = turn[other, 3 * k], turn[other, 3 * k + 1], turn[other, 3 * k + 2]
         normal = (normal[0] + n * x, normal[1] + n * y, normal[2] + n * z)
-    return gap - _support(shape[other], extent[other], normal)
+    return gap - support(shape[other], extent[other], normal)
 
 
 @plain

@@ -161,9 +161,10 @@ def _mend_contacts(model: mujoco.MjModel, data: mujoco.MjData, *, mended: bool) 
     Rows of constraints are made again if anything changes, or contacts were mended before.
     """
     found, bodies = data.contact, (model.geom_bodyid, model.body_weldid, model.body_treeid)
+    shapes = model.geom_type, model.geom_size, data.geom_xpos, data.geom_xmat
     if data.ncon:
         mended |= find_nearest(model, data)
-    if data.ncon and mend_contacts(found.dist, found.pos, found.frame, found.dim, found.geom, *bodies):
+    if data.ncon and mend_contacts(found.dist, found.pos, found.frame, found.dim, found.geom, *bodies, shapes):
         mended = True
     if mended:
         mujoco.mj_makeConstraint(model, data)

@@ -47,7 +47,12 @@ from impactlaw.stepping.time_stepping.compiled.state.surfaces import (
 )
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.margins import ALWAYS, outruns, write_arms, write_margins, write_sizes
-from impactlaw.stepping.time_stepping.problem.contact_points import add_nearest, put_on_bodies, put_on_planes
+from impactlaw.stepping.time_stepping.problem.contact_points import (
+    add_nearest,
+    hide_edges,
+    put_on_bodies,
+    put_on_planes,
+)
 from impactlaw.stepping.time_stepping.tolerances import SHARES
 
 _EULER, _CONSTRAINT = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
@@ -273,6 +278,9 @@ def _mend_contacts(w):
     shape, margin = model_ints(w, MODEL.geom_type, ngeom), model_floats(w, MODEL.geom_margin, ngeom)
     nearer = add_nearest(dist, pos, frame, geom, shape, margin, (w.model, w.data))
     turned = make_orthogonal(frame) or nearer
+    places = rows_of(w, DATA.geom_xpos, ngeom, 3), rows_of(w, DATA.geom_xmat, ngeom, 9)
+    shapes = shape, model_floats(w, MODEL.geom_size, 3 * ngeom).reshape((ngeom, 3)), places[0], places[1]
+    turned = hide_edges(dist, pos, frame, geom, body, weld, tree, shapes) or turned
     moved = put_on_bodies(dist, pos, frame, contact_ints(w, CONTACT.dim, 1)[:, 0], geom, body, weld, tree)
     return put_on_planes(dist, pos, frame, geom, body, weld) or moved or turned
 

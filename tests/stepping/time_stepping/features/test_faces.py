@@ -13,6 +13,7 @@ TABLE = """<mujoco><option timestep="0.002" cone="elliptic"/><worldbody><geom ty
     <geom size=".005" pos="-.1 .04 -.095"/><geom size=".005" pos=".1 .04 -.095"/></body></worldbody></mujoco>"""
 BODIES, GEOMS = np.array([0, 0, 1], np.int32), np.array([[0, 2], [1, 2]], np.int32)
 WELD = np.array([1, 2], np.int32)
+PLANES = np.zeros(3, np.int32), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 9))
 BOTH, SECOND = np.array([0, 1], np.int32), np.array([-1, 0], np.int32)  # indices of bodies with degrees of freedom
 
 
@@ -37,7 +38,7 @@ def _leveled(gaps, heights, second=(0.0, 0.0, 1.0), *, move=BOTH, condim=3):
     """Return whether two points are moved, and their heights afterwards; the second one has the given normal."""
     pos, frame = np.array([[0.0, 0.0, heights[0]], [1.0, 0.0, heights[1]]]), np.zeros((2, 9))
     frame[0, :3], frame[1, :3] = (0.0, 0.0, 1.0), second
-    moved = mend_contacts(np.array(gaps), pos, frame, np.full(2, condim, np.int32), GEOMS, BODIES, WELD, move)
+    moved = mend_contacts(np.array(gaps), pos, frame, np.full(2, condim, np.int32), GEOMS, BODIES, WELD, move, PLANES)
     return moved, pos[:, 2].tolist()
 
 
