@@ -58,7 +58,7 @@ _ALSO = (
     "mechanics/tolerances.py",
     "scene/tolerances.py",
     "scene/equality_constraints.py",
-    "scene/frames.py",
+    "scene/corrected_contacts.py",
     "stepping/soft/tolerances.py",
     "solvers/friction/single_contact.py",
     "linked.py",

@@ -10,16 +10,19 @@ import mujoco
 import numpy as np
 
 from impactlaw.errors import SceneError
-from impactlaw.scene.tolerances import NO_LEVER, ON_AXIS, SHORT
+from impactlaw.scene.tolerances import ASKEW, ASKEW_SPHERE, FLUSH, NO_LEVER, ON_AXIS, SHORT, SUNK, TOUCHING
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from impactlaw.scene.frames import StandingCylinders
+    from impactlaw.scene.corrected_contacts import StandingCylinders
 
 _FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL)
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
-_PLANE, _CYLINDER = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
+_PLANE, _SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX = (
+    int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}"))
+    for name in ("PLANE", "SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX")
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,18 +105,62 @@ def update_positions(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     mujoco.mj_makeM(model, data)
 
 
-def acted_on(data: mujoco.MjData) -> np.ndarray:
-    """Return the indices of the contacts between geoms that have rows in MuJoCo's constraint solver now, int (h,).
+def _extent(model: mujoco.MjModel, data: mujoco.MjData, geom: int, normal: np.ndarray) -> float:
+    """Return how far a geom extends from its center along a normal, m; infinite if not in closed form."""
+    kind, size, along = model.geom_type[geom], model.geom_size[geom], data.geom_xmat[geom].reshape(3, 3).T @ normal
+    if kind == _SPHERE:
+        return size[0]
+    if kind == _CAPSULE:
+        return size[0] + size[1] * abs(along[2])
+    if kind == _ELLIPSOID:
+        return float(np.linalg.norm(size * along))
+    if kind == _CYLINDER:
+        return size[0] * np.hypot(along[0], along[1]) + size[1] * abs(along[2])
+    return float(size @ np.abs(along)) if kind == _BOX else np.inf
 
-    Contacts of flexes are left to MuJoCo.
+
+def _hidden(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """Return which of MuJoCo's contacts the plane of a closed one hides, bool (ncon,).
+
+    See `corrected_contacts.hide_edges`.
     """
     found = data.contact
-    return np.flatnonzero((found.efc_address >= 0) & (found.geom >= 0).all(axis=1))
+    geom, dist, normal, out = found.geom, found.dist, found.frame[:, :3], np.zeros(data.ncon, dtype=bool)
+    fixed = (model.body_treeid[model.geom_bodyid[geom]] < 0) & (geom >= 0)
+    weld = model.body_weldid[model.geom_bodyid[geom]]
+    for s in np.flatnonzero((fixed.sum(axis=1) == 1) & (geom >= 0).all(axis=1) & (dist <= TOUCHING)):
+        if out[s]:
+            continue
+        own = int(fixed[s, 0])  # the place of the geom that moves
+        mover, up = geom[s, own], normal[s] if own else -normal[s]
+        face = found.pos[s] - 0.5 * dist[s] * up
+        below = _extent(model, data, mover, up) - (data.geom_xpos[mover] - face) @ up
+        if below > FLUSH + SUNK * max(0.0, -dist[s]):
+            continue
+        least = ASKEW_SPHERE if model.geom_type[mover] == _SPHERE else ASKEW
+        for k in np.flatnonzero((geom == mover).any(axis=1)):
+            other = int(geom[k, 0] == mover)
+            ahead, away = geom[k, other], -normal[k] if other else normal[k]
+            if ahead < 0 or ahead == geom[s, 1 - own] or weld[k, other] != weld[s, 1 - own] or away @ up > least:
+                continue
+            out[k] |= (data.geom_xpos[ahead] - face) @ up + _extent(model, data, ahead, up) <= FLUSH
+    return out
+
+
+def acted_on(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """Return the indices of the contacts that have rows in MuJoCo's constraint solver now, in order of geoms, int (h,).
+
+    Contacts of flexes are left to MuJoCo, and those with edges that others hide, see `_hidden`.
+    """
+    found = data.contact
+    index = np.flatnonzero((found.efc_address >= 0) & (found.geom >= 0).all(axis=1))
+    index = index[sorted_geoms(found.geom[index])[1]]
+    return index if len(index) < 2 else index[~_hidden(model, data)[index]]
 
 
 def active_contacts(model: mujoco.MjModel, data: mujoco.MjData, names: tuple[str, ...]) -> Contacts:
     """Return the contacts that are `acted_on`, as found by MuJoCo's position stage."""
-    return _read(data, acted_on(data), names)
+    return _read(data, acted_on(model, data), names)
 
 
 def closes(model: mujoco.MjModel, data: mujoco.MjData, rows: np.ndarray, speed: float) -> bool:
@@ -172,7 +219,8 @@ def standing_cylinders(model: mujoco.MjModel) -> StandingCylinders | None:
     planes, cylinders = (np.flatnonzero(model.geom_type == kind) for kind in (_PLANE, _CYLINDER))
     if not (len(planes) and len(cylinders)):
         return None
-    from impactlaw.scene.frames import StandingCylinders  # compiled code, which reading other scenes should not load
+    # compiled code, which reading other scenes should not load
+    from impactlaw.scene.corrected_contacts import StandingCylinders
 
     return StandingCylinders(model, planes, cylinders)
 

@@ -149,9 +149,8 @@ def active_friction(
     They are taken from MuJoCo's constraint rows; with pyramidal cones they are half of the difference of two rows, over
     the coefficient. Where MuJoCo's tangents are not in the tangent plane, rows are made for corrected tangents.
     """
-    found, index = data.contact, acted_on(data)
-    _, order, swapped = sorted_geoms(found.geom[index])
-    index = index[order]
+    found, index = data.contact, acted_on(model, data)
+    _, _, swapped = sorted_geoms(found.geom[index])
     mu = found.friction[index]
     rows = (np.arange(5) < found.dim[index][:, None] - 1) & (mu > NO_FRICTION)
     if not rows.any():
@@ -183,7 +182,8 @@ def _straighten(frame: np.ndarray) -> np.ndarray:
     """Make contact frames, (h, 9), orthogonal; return the indices of those that were not, int (k,)."""
     skew = np.flatnonzero(np.abs(np.vecdot(frame[:, :3], frame[:, 3:6])) > ORTHOGONAL)
     if len(skew):
-        from impactlaw.scene.frames import straighten  # compiled code, which reading a scene should not load
+        # compiled code, which reading a scene should not load
+        from impactlaw.scene.corrected_contacts import straighten
 
         straighten(frame)
     return skew

@@ -39,7 +39,7 @@ class Constraints:
         paired = (data.contact.dim > 1) & (model.opt.cone == _PYRAMIDAL)
         tied = np.zeros(len(address), dtype=bool)
         mark_tied_contacts(data.efc_type, data.efc_id, kinds, jacobian, lengths(model), address, paired, tied)
-        self._tied = tied[acted_on(data)]
+        self._tied = tied[acted_on(model, data)]
 
     def tie(self, contacts: Contacts) -> np.ndarray:
         """Return which contacts constraints tie, bool (h,), see `compiled.tied_contacts`; limits are never tied."""

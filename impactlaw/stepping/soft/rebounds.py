@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.laws.restitution.on_contacts import Chosen
-from impactlaw.scene.contacts import acted_on, active_contacts, row_velocities, sorted_geoms
+from impactlaw.scene.contacts import acted_on, active_contacts, row_velocities
 from impactlaw.scene.joint_limits import Limits
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.stepping.soft.tolerances import STILL, UNDERDAMPED
@@ -89,13 +89,12 @@ def normals(
         chosen: the contacts to which the law applies; None for all.
         surfaces: moving mocap bodies; None if there are none.
     """
-    first, found, index = data.ne + data.nf, data.contact, acted_on(data)
+    first, found, index = data.ne + data.nf, data.contact, acted_on(model, data)
     rows = np.arange(first, first + data.nl)
     labels = tuple(limits.labels[limits.code(data, row)] for row in rows.tolist())
     pair, drift = rows, np.zeros(data.nl)
     if len(index):
-        contacts, index = active_contacts(model, data, names), index[sorted_geoms(found.geom[index])[1]]
-        address = found.efc_address[index]
+        contacts, address = active_contacts(model, data, names), found.efc_address[index]
         paired = (model.opt.cone == _PYRAMIDAL) & (found.dim[index] > 1)
         rows, pair = np.concatenate([rows, address]), np.concatenate([rows, address + paired])
         moved = np.zeros(len(contacts)) if surfaces is None else surfaces.drift(data, contacts)

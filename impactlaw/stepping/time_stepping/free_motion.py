@@ -156,7 +156,7 @@ def _find(model: mujoco.MjModel, data: mujoco.MjData, options: TemporaryOptions,
 
 
 def _mend_contacts(model: mujoco.MjModel, data: mujoco.MjData, *, mended: bool) -> None:
-    """Make contact frames orthogonal, and correct contact points; see `scene.frames` and `problem.contact_points`.
+    """Correct contacts; see `scene.corrected_contacts` and `problem.contact_points`.
 
     Rows of constraints are made again if anything changes, or contacts were mended before.
     """

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.scene.frames import make_orthogonal
+from impactlaw.scene.corrected_contacts import hide_edges, make_orthogonal
 from impactlaw.solvers.cones.algebra.loops import clear, equal, norm, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
@@ -47,12 +47,7 @@ from impactlaw.stepping.time_stepping.compiled.state.surfaces import (
 )
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.margins import ALWAYS, outruns, write_arms, write_margins, write_sizes
-from impactlaw.stepping.time_stepping.problem.contact_points import (
-    add_nearest,
-    hide_edges,
-    put_on_bodies,
-    put_on_planes,
-)
+from impactlaw.stepping.time_stepping.problem.contact_points import add_nearest, put_on_bodies, put_on_planes
 from impactlaw.stepping.time_stepping.tolerances import SHARES
 
 _EULER, _CONSTRAINT = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)

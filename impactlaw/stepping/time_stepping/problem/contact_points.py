@@ -19,14 +19,13 @@ import mujoco
 import numpy as np
 
 from impactlaw.compiled import compiled
-from impactlaw.scene.frames import make_orthogonal
+from impactlaw.scene.corrected_contacts import hide_edges, make_orthogonal
 from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.fields import address_of, keep
 
-_SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX, _MESH = (
-    int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}"))
-    for name in ("SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX", "MESH")
+_CAPSULE, _CYLINDER, _BOX, _MESH = (
+    int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("CAPSULE", "CYLINDER", "BOX", "MESH")
 )
 _CORNERS = 4  # largest number of corners of a face that MuJoCo keeps
 _MISSED = 1e-6  # m: difference of gaps up to which the nearest point may be missing
@@ -34,9 +33,6 @@ _TURNED = 0.9998  # cosine of the angle to the normal of the nearest point from 
 _PARALLEL = 1e-9  # difference of normals up to which points belong to one face
 _LEVEL = 1e-10  # m: distance up to which points are in one plane
 _SEEN = 1e-6  # m: smaller gaps change the lever of a single point by a negligible amount
-_FLUSH = 2e-6  # m: distance from the plane of a closed contact up to which geoms do not cross it
-_ASKEW, _ASKEW_SPHERE = 0.5, 1.0 - 1e-6  # cosine of the angle to its normal up to which it hides contacts
-_HIDDEN = 1.0  # m: gap of hidden contacts, which is out of reach
 _CLOSED = 1e-4  # m: largest gap of points that are put into one plane; corners farther away touch down one at a time
 
 
@@ -214,76 +210,6 @@ def put_on_planes(dist, pos, frame, geom, body_of_geom, weld):
             for i in range(3):
                 pos[k, i] += rise * frame[k, i]
     return moved
-
-
-@plain
-def support(kind, size, normal):
-    """Return how far a shape extends from its center along a normal in its frame, m; infinite if not in closed form."""
-    x, y, z = abs(normal[0]), abs(normal[1]), abs(normal[2])
-    if kind == _SPHERE:
-        return size[0]
-    if kind == _CAPSULE:
-        return size[0] + size[1] * z
-    if kind == _ELLIPSOID:
-        return np.sqrt((size[0] * x) ** 2 + (size[1] * y) ** 2 + (size[2] * z) ** 2)
-    if kind == _CYLINDER:
-        return size[0] * np.sqrt(x * x + y * y) + size[1] * z
-    if kind == _BOX:
-        return size[0] * x + size[1] * y + size[2] * z
-    return np.inf
-
-
-@plain
-def _beyond(g, point, normal, sign, shapes):
-    """Return how far a geom extends beyond a point along a normal times `sign`, m."""
-    shape, extent, place, turn = shapes
-    far, own = 0.0, (0.0, 0.0, 0.0)
-    for i in range(3):
-        n = normal[i]
-        far += sign * n * (place[g, i] - point[i])
-        own = (own[0] + n * turn[g, 3 * i], own[1] + n * turn[g, 3 * i + 1], own[2] + n * turn[g, 3 * i + 2])
-    return far + support(shape[g], extent[g], own)
-
-
-@plain
-def hide_edges(dist, pos, frame, geom, body_of_geom, weld, tree, shapes):
-    """Put contacts out of reach that the plane of a closed contact hides; return whether there are any.
-
-    A body that slides over a floor of several boxes comes near the edge of the box ahead. That contact closes along the
-    floor, but the body passes over it: no part of the box is above the floor, and no part of the body below.
-
-    Args:
-        dist: gaps, m, (ncon,); written.
-        pos: contact points, m, (ncon, 3).
-        frame: frames with normals first, at least (ncon, 3).
-        geom: geoms of contacts, (ncon, 2).
-        body_of_geom: body of each geom, (ngeom,).
-        weld: MuJoCo's body_weldid, (nbody,).
-        tree: MuJoCo's body_treeid, -1 for bodies without degrees of freedom, (nbody,).
-        shapes: MuJoCo's geom_type, geom_size, geom_xpos and geom_xmat.
-    """
-    hidden = False
-    for s in range(len(dist)):
-        floor, mover, up = geom[s, 0], geom[s, 1], 1.0
-        if tree[body_of_geom[mover]] < 0:
-            floor, mover, up = mover, floor, -1.0
-        if abs(dist[s]) > _SEEN or tree[body_of_geom[floor]] >= 0 or tree[body_of_geom[mover]] < 0:
-            continue
-        least = _ASKEW_SPHERE if shapes[0][mover] == _SPHERE else _ASKEW
-        for k in range(len(dist)):
-            if geom[k, 0] != mover and geom[k, 1] != mover:
-                continue
-            ahead, sign = (geom[k, 1], -up) if geom[k, 0] == mover else (geom[k, 0], up)
-            if ahead == floor or weld[body_of_geom[ahead]] != weld[body_of_geom[floor]]:
-                continue
-            along = 0.0
-            for i in range(3):
-                along += sign * frame[k, i] * frame[s, i]
-            if along > least or _beyond(ahead, pos[s], frame[s], up, shapes) > _FLUSH:
-                continue
-            if _beyond(mover, pos[s], frame[s], -up, shapes) <= _FLUSH:
-                dist[k], hidden = _HIDDEN, True
-    return hidden
 
 
 @compiled()

@@ -7,8 +7,20 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from impactlaw.solvers.cones.algebra.loops import cleared, indices, once, plain
-from impactlaw.stepping.compiled.access import contact_ints, jacobian_of, model_ints, number, option
+from impactlaw.scene.corrected_contacts import hide_edges
+from impactlaw.scene.tolerances import OUT_OF_REACH
+from impactlaw.solvers.cones.algebra.loops import cleared, indices, numbers, once, plain, put
+from impactlaw.stepping.compiled.access import (
+    contact_floats,
+    contact_ints,
+    jacobian_of,
+    model_floats,
+    model_ints,
+    number,
+    option,
+    rows_of,
+    size,
+)
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL
 from impactlaw.stepping.compiled.tied_contacts import mark_tied
 
@@ -32,7 +44,7 @@ class ActiveContacts(NamedTuple):
 
 
 @plain
-def _list(w, tied, row, contact, paired):
+def _list(w, left_out, row, contact, paired):
     """Write the fields of `ActiveContacts`, and return the number of contacts and limits."""
     limits, first, many = number(w, DATA.nl), number(w, DATA.ne) + number(w, DATA.nf), number(w, DATA.ncon)
     address, dim = contact_ints(w, CONTACT.efc_address, 1)[:, 0], contact_ints(w, CONTACT.dim, 1)[:, 0]
@@ -40,10 +52,28 @@ def _list(w, tied, row, contact, paired):
     for i in range(limits):
         row[i], contact[i], paired[i] = first + i, -1, 0
     for i in range(many):
-        if address[i] >= 0 and not tied[i]:
+        if address[i] >= 0 and not left_out[i]:
             row[h], contact[h], paired[h] = address[i], i, pyramidal and dim[i] > 1
             h += 1
     return h
+
+
+@plain
+def _mark_hidden(w, gap, hidden):
+    """Mark contacts with edges, see `corrected_contacts.hide_edges`; gap is scratch space. Both are (ncon,)."""
+    ngeom, nbody = size(w, MODEL.ngeom), size(w, MODEL.nbody)
+    shapes = (
+        model_ints(w, MODEL.geom_type, ngeom), model_floats(w, MODEL.geom_size, 3 * ngeom).reshape((ngeom, 3)),
+        rows_of(w, DATA.geom_xpos, ngeom, 3), rows_of(w, DATA.geom_xmat, ngeom, 9),
+    )  # fmt: skip
+    put(gap, contact_floats(w, CONTACT.dist, 1)[:, 0])
+    hide_edges(
+        gap, contact_floats(w, CONTACT.pos, 3), contact_floats(w, CONTACT.frame, 9), contact_ints(w, CONTACT.geom, 2),
+        model_ints(w, MODEL.geom_bodyid, ngeom), model_ints(w, MODEL.body_weldid, nbody),
+        model_ints(w, MODEL.body_treeid, nbody), shapes,
+    )  # fmt: skip
+    for i in range(len(gap)):
+        hidden[i] = hidden[i] or gap[i] == OUT_OF_REACH
 
 
 @once
@@ -51,14 +81,16 @@ def find(w, constraints):
     """Return the current contacts and limits, as arrays that are valid until the function that calls this returns.
 
     Contacts that equality constraints tie are left out, see `tied_contacts`; `constraints` are the kinds of these,
-    uint8 (neq,), or (0,) to leave out no contact.
+    uint8 (neq,), or (0,) to leave out none of them. So are contacts with hidden edges, see `corrected_contacts`.
     """
     most = number(w, DATA.nl) + number(w, DATA.ncon)
     row, contact, paired = indices(most), indices(most), indices(most)
-    tied = cleared(number(w, DATA.ncon))
+    tied, gap = cleared(number(w, DATA.ncon)), numbers(number(w, DATA.ncon))
     if len(constraints) > 0 and number(w, DATA.ne) > 0 and len(tied) > 0:
         jacobian = jacobian_of(w)
         mark_tied(w, constraints, jacobian, tied)
+    if len(tied) > 1:
+        _mark_hidden(w, gap, tied)
     h = _list(w, tied, row, contact, paired)
     return ActiveContacts(row[:h], contact[:h], paired[:h])
 

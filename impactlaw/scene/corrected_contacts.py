@@ -1,4 +1,4 @@
-"""MuJoCo's contacts of capsules and cylinders with planes, made exact where they consist of rounding errors.
+"""MuJoCo's contacts, corrected: those of capsules and cylinders with planes where they consist of rounding errors.
 
 Contact frames are made orthogonal, so that friction acts in the tangent plane. MuJoCo aligns the first tangent of a
 contact between a capsule and a plane with the axis of the capsule. If the axis is the normal, this tangent consists of
@@ -7,6 +7,8 @@ rounding errors and has a normal part. Friction would then act like a normal imp
 Distances of cylinders that stand on a plane are measured again. MuJoCo looks for the lowest point of the rim. If the
 axis is tilted by an angle a from the normal, the height of that point has an error of some 1e-16 / a times the radius:
 a cylinder at rest on its face would be lifted and dropped, and may have no contact at all.
+
+Contacts with edges that a floor of several geoms hides are left out: bodies slide on over them.
 """
 
 from __future__ import annotations
@@ -15,10 +17,24 @@ import mujoco
 import numpy as np
 
 from impactlaw.compiled import compiled, for_python
-from impactlaw.scene.tolerances import ORTHOGONAL, ROUNDED, STANDS, UPRIGHT
+from impactlaw.scene.tolerances import (
+    ASKEW,
+    ASKEW_SPHERE,
+    FLUSH,
+    ORTHOGONAL,
+    OUT_OF_REACH,
+    ROUNDED,
+    STANDS,
+    SUNK,
+    TOUCHING,
+    UPRIGHT,
+)
 from impactlaw.solvers.cones.algebra.loops import plain
 
-_PLANE, _CYLINDER = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
+_PLANE, _SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX = (
+    int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}"))
+    for name in ("PLANE", "SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX")
+)
 
 
 @plain
@@ -110,6 +126,79 @@ def measure_standing(kind, size, place, turn, geom, dist, pos, frame):
 
 measure_again = for_python(measure_standing)
 """The form of `measure_standing` that Python calls."""
+
+
+@plain
+def support(kind, size, normal):
+    """Return how far a shape extends from its center along a normal in its frame, m; infinite if not in closed form."""
+    x, y, z = abs(normal[0]), abs(normal[1]), abs(normal[2])
+    if kind == _SPHERE:
+        return size[0]
+    if kind == _CAPSULE:
+        return size[0] + size[1] * z
+    if kind == _ELLIPSOID:
+        return np.sqrt((size[0] * x) ** 2 + (size[1] * y) ** 2 + (size[2] * z) ** 2)
+    if kind == _CYLINDER:
+        return size[0] * np.sqrt(x * x + y * y) + size[1] * z
+    if kind == _BOX:
+        return size[0] * x + size[1] * y + size[2] * z
+    return np.inf
+
+
+@plain
+def _beyond(g, point, normal, sign, shapes):
+    """Return how far a geom extends beyond a point along a normal times `sign`, m."""
+    shape, extent, place, turn = shapes
+    far, own = 0.0, (0.0, 0.0, 0.0)
+    for i in range(3):
+        n = normal[i]
+        far += sign * n * (place[g, i] - point[i])
+        own = (own[0] + n * turn[g, 3 * i], own[1] + n * turn[g, 3 * i + 1], own[2] + n * turn[g, 3 * i + 2])
+    return far + support(shape[g], extent[g], own)
+
+
+@plain
+def hide_edges(dist, pos, frame, geom, body_of_geom, weld, tree, shapes):
+    """Put contacts out of reach that the plane of a closed contact hides; return whether there are any.
+
+    A body that slides over a floor of several geoms comes near the edge of the one ahead. That contact closes along the
+    floor, but the body passes over it: no part of the geom ahead is above the floor, and no part of the body is lower
+    than it has sunk into the floor.
+
+    Args:
+        dist: gaps, m, (ncon,); written.
+        pos: contact points, m, (ncon, 3).
+        frame: frames with normals first, at least (ncon, 3).
+        geom: geoms of contacts, (ncon, 2).
+        body_of_geom: body of each geom, (ngeom,).
+        weld: MuJoCo's body_weldid, (nbody,).
+        tree: MuJoCo's body_treeid, -1 for bodies without degrees of freedom, (nbody,).
+        shapes: MuJoCo's geom_type, geom_size, geom_xpos and geom_xmat.
+    """
+    hidden = False
+    for s in range(len(dist)):
+        floor, mover, up = geom[s, 0], geom[s, 1], 1.0
+        if floor < 0 or mover < 0 or dist[s] > TOUCHING:
+            continue
+        if tree[body_of_geom[mover]] < 0:
+            floor, mover, up = mover, floor, -1.0
+        if tree[body_of_geom[floor]] >= 0 or tree[body_of_geom[mover]] < 0:
+            continue
+        least = ASKEW_SPHERE if shapes[0][mover] == _SPHERE else ASKEW
+        for k in range(len(dist)):
+            if geom[k, 0] != mover and geom[k, 1] != mover:
+                continue
+            ahead, sign = (geom[k, 1], -up) if geom[k, 0] == mover else (geom[k, 0], up)
+            if ahead == floor or ahead < 0 or weld[body_of_geom[ahead]] != weld[body_of_geom[floor]]:
+                continue
+            along = 0.0
+            for i in range(3):
+                along += sign * frame[k, i] * frame[s, i]
+            if along > least or _beyond(ahead, pos[s], frame[s], up, shapes) + 0.5 * dist[s] > FLUSH:
+                continue
+            if _beyond(mover, pos[s], frame[s], -up, shapes) - 0.5 * dist[s] <= FLUSH + SUNK * max(0.0, -dist[s]):
+                dist[k], hidden = OUT_OF_REACH, True
+    return hidden
 
 
 @plain
