@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-import sys
+import inspect
 import warnings
 from collections.abc import Iterable, Sequence
 from importlib.util import find_spec
@@ -161,8 +161,8 @@ class UncompiledWarning(UserWarning):
 
 def warn_of_python(why: object) -> None:
     """Issue an `UncompiledWarning` at the line outside of this package from which it was called."""
-    level, frame = 1, sys._getframe()
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith("impactlaw."):
+    level, frame = 1, inspect.currentframe()
+    while frame is not None and frame.f_globals.get("__name__", "").startswith("impactlaw."):
         level, frame = level + 1, frame.f_back
     warnings.warn(f"steps are not compiled, but in Python: {why}", UncompiledWarning, stacklevel=level)
 

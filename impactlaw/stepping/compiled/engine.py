@@ -100,7 +100,6 @@ def _empty_model() -> Any:
     return mujoco.MjModel.from_xml_string("<mujoco/>")
 
 
-@compiled("int64(int64,int64)", counts=False)
 def _enter(place, data):
     """Call a C function for the only world of a pool; return what it has written second into its argument.
 
@@ -110,6 +109,13 @@ def _enter(place, data):
     context = longs(argument, 2)
     context[0] = data
     return -1 if apply_to_worlds(pool, 0, np.int32(1), function, argument, np.int32(0)) else context[1]
+
+
+@cache
+def _entry_point() -> Any:
+    """Return `_enter` compiled, as a function that does not look at the types of its arguments."""
+    (made,) = compiled("int64(int64,int64)", counts=False)(_enter).overloads.values()
+    return made.entry_point
 
 
 class Entry:
@@ -128,8 +134,7 @@ class Entry:
     def __init__(self, function: int, context: np.ndarray):
         self._pool = Pool(_empty_model(), 1, 1, persistent=True)
         self._arguments = np.array([self._pool.handle, function, context.ctypes.data])
-        (made,) = _enter.overloads.values()
-        self.call = partial(made.entry_point, self._arguments.ctypes.data)  # does not look at the types of arguments
+        self.call = partial(_entry_point(), self._arguments.ctypes.data)
 
     @property
     def message(self) -> str:
