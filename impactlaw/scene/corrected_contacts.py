@@ -29,12 +29,13 @@ from impactlaw.scene.tolerances import (
     TOUCHING,
     UPRIGHT,
 )
-from impactlaw.solvers.cones.algebra.loops import plain
+from impactlaw.solvers.cones.algebra.loops import integers, kernel, plain
 
 _PLANE, _SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX = (
     int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}"))
     for name in ("PLANE", "SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX")
 )
+_NONE, _SEVERAL = -1, -2  # fixed geoms that a geom has contacts with
 
 
 @plain
@@ -158,6 +159,21 @@ def _beyond(g, point, normal, sign, shapes):
 
 
 @plain
+def _find_partners(geom, body_of_geom, tree, partner):
+    """Write the fixed geom that each moving geom has contacts with, `_NONE` or `_SEVERAL`, (ngeom,)."""
+    for g in range(len(partner)):
+        partner[g] = _NONE
+    for k in range(len(geom)):
+        fixed, mover = geom[k, 0], geom[k, 1]
+        if fixed < 0 or mover < 0:
+            continue
+        if tree[body_of_geom[mover]] < 0:
+            fixed, mover = mover, fixed
+        if tree[body_of_geom[fixed]] < 0 and tree[body_of_geom[mover]] >= 0 and partner[mover] != fixed:
+            partner[mover] = fixed if partner[mover] == _NONE else _SEVERAL
+
+
+@kernel
 def hide_edges(dist, pos, frame, geom, body_of_geom, weld, tree, shapes):
     """Put contacts out of reach that the plane of a closed contact hides; return whether there are any.
 
@@ -175,14 +191,15 @@ def hide_edges(dist, pos, frame, geom, body_of_geom, weld, tree, shapes):
         tree: MuJoCo's body_treeid, -1 for bodies without degrees of freedom, (nbody,).
         shapes: MuJoCo's geom_type, geom_size, geom_xpos and geom_xmat.
     """
-    hidden = False
+    hidden, partner = False, integers(len(body_of_geom))
+    _find_partners(geom, body_of_geom, tree, partner)
     for s in range(len(dist)):
         floor, mover, up = geom[s, 0], geom[s, 1], 1.0
         if floor < 0 or mover < 0 or dist[s] > TOUCHING:
             continue
         if tree[body_of_geom[mover]] < 0:
             floor, mover, up = mover, floor, -1.0
-        if tree[body_of_geom[floor]] >= 0 or tree[body_of_geom[mover]] < 0:
+        if tree[body_of_geom[floor]] >= 0 or partner[mover] != _SEVERAL:
             continue
         least = ASKEW_SPHERE if shapes[0][mover] == _SPHERE else ASKEW
         for k in range(len(dist)):
