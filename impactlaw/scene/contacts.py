@@ -127,8 +127,11 @@ def _hidden(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     found = data.contact
     geom, dist, normal, out = found.geom, found.dist, found.frame[:, :3], np.zeros(data.ncon, dtype=bool)
     fixed = (model.body_treeid[model.geom_bodyid[geom]] < 0) & (geom >= 0)
-    weld = model.body_weldid[model.geom_bodyid[geom]]
-    for s in np.flatnonzero((fixed.sum(axis=1) == 1) & (geom >= 0).all(axis=1) & (dist <= TOUCHING)):
+    weld, between = model.body_weldid[model.geom_bodyid[geom]], (fixed.sum(axis=1) == 1) & (geom >= 0).all(axis=1)
+    pairs = np.where(fixed[:, :1], geom[:, ::-1], geom)[between]  # the moving geom first
+    movers, many = np.unique(np.unique(pairs, axis=0)[:, 0], return_counts=True)
+    several = np.isin(geom, movers[many > 1]).any(axis=1)
+    for s in np.flatnonzero(between & several & (dist <= TOUCHING)):
         if out[s]:
             continue
         own = int(fixed[s, 0])  # the place of the geom that moves

@@ -35,7 +35,6 @@ _PLANE, _SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX = (
     int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}"))
     for name in ("PLANE", "SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX")
 )
-_NONE, _SEVERAL = -1, -2  # fixed geoms that a geom has contacts with
 
 
 @plain
@@ -159,18 +158,12 @@ def _beyond(g, point, normal, sign, shapes):
 
 
 @plain
-def _find_partners(geom, body_of_geom, tree, partner):
-    """Write the fixed geom that each moving geom has contacts with, `_NONE` or `_SEVERAL`, (ngeom,)."""
-    for g in range(len(partner)):
-        partner[g] = _NONE
-    for k in range(len(geom)):
-        fixed, mover = geom[k, 0], geom[k, 1]
-        if fixed < 0 or mover < 0:
-            continue
-        if tree[body_of_geom[mover]] < 0:
-            fixed, mover = mover, fixed
-        if tree[body_of_geom[fixed]] < 0 and tree[body_of_geom[mover]] >= 0 and partner[mover] != fixed:
-            partner[mover] = fixed if partner[mover] == _NONE else _SEVERAL
+def _mover(pair, body_of_geom, tree):
+    """Return the place of the moving geom in a contact with a fixed one, -1 for other contacts."""
+    if pair[0] < 0 or pair[1] < 0:
+        return -1
+    first, second = tree[body_of_geom[pair[0]]] >= 0, tree[body_of_geom[pair[1]]] >= 0
+    return int(second) if first != second else -1
 
 
 @kernel
@@ -191,31 +184,37 @@ def hide_edges(dist, pos, frame, geom, body_of_geom, weld, tree, shapes):
         tree: MuJoCo's body_treeid, -1 for bodies without degrees of freedom, (nbody,).
         shapes: MuJoCo's geom_type, geom_size, geom_xpos and geom_xmat.
     """
-    hidden, partner = False, integers(len(body_of_geom))
-    _find_partners(geom, body_of_geom, tree, partner)
+    last, before, hidden = integers(len(body_of_geom)), integers(len(dist)), False
+    last[:] = -1  # the last contact of each moving geom with fixed ones, and the one before each contact
+    for k in range(len(dist)):
+        own = _mover(geom[k], body_of_geom, tree)
+        if own >= 0:
+            before[k], last[geom[k, own]] = last[geom[k, own]], k
     for s in range(len(dist)):
-        floor, mover, up = geom[s, 0], geom[s, 1], 1.0
-        if floor < 0 or mover < 0 or dist[s] > TOUCHING:
+        own = -1 if dist[s] > TOUCHING else _mover(geom[s], body_of_geom, tree)
+        if own < 0:
             continue
-        if tree[body_of_geom[mover]] < 0:
-            floor, mover, up = mover, floor, -1.0
-        if tree[body_of_geom[floor]] >= 0 or partner[mover] != _SEVERAL:
-            continue
-        least = ASKEW_SPHERE if shapes[0][mover] == _SPHERE else ASKEW
-        for k in range(len(dist)):
-            if geom[k, 0] != mover and geom[k, 1] != mover:
-                continue
-            ahead, sign = (geom[k, 1], -up) if geom[k, 0] == mover else (geom[k, 0], up)
-            if ahead == floor or ahead < 0 or weld[body_of_geom[ahead]] != weld[body_of_geom[floor]]:
-                continue
-            along = 0.0
-            for i in range(3):
-                along += sign * frame[k, i] * frame[s, i]
-            if along > least or _beyond(ahead, pos[s], frame[s], up, shapes) + 0.5 * dist[s] > FLUSH:
-                continue
-            if _beyond(mover, pos[s], frame[s], -up, shapes) - 0.5 * dist[s] <= FLUSH + SUNK * max(0.0, -dist[s]):
+        mover, floor, up = geom[s, own], geom[s, 1 - own], 2.0 * own - 1.0
+        least, k = ASKEW_SPHERE if shapes[0][mover] == _SPHERE else ASKEW, last[mover]
+        while k >= 0:
+            if _hides(s, k, floor, mover, up, least, dist, pos, frame, geom, body_of_geom, weld, shapes):
                 dist[k], hidden = OUT_OF_REACH, True
+            k = before[k]
     return hidden
+
+
+@plain
+def _hides(s, k, floor, mover, up, least, dist, pos, frame, geom, body_of_geom, weld, shapes):
+    """Return whether contact s with the floor hides contact k of the same geom with the geom ahead."""
+    ahead, sign = (geom[k, 1], -up) if geom[k, 0] == mover else (geom[k, 0], up)
+    if ahead == floor or weld[body_of_geom[ahead]] != weld[body_of_geom[floor]]:
+        return False
+    along = 0.0
+    for i in range(3):
+        along += sign * frame[k, i] * frame[s, i]
+    if along > least or _beyond(ahead, pos[s], frame[s], up, shapes) + 0.5 * dist[s] > FLUSH:
+        return False
+    return _beyond(mover, pos[s], frame[s], -up, shapes) - 0.5 * dist[s] <= FLUSH + SUNK * max(0.0, -dist[s])
 
 
 @plain
