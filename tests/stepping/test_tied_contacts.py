@@ -302,3 +302,23 @@ def test_compiled_soft_steps_and_those_in_python_know_the_same_contacts_as_tied(
         Stepper(model, Moreau(0.5), contact_model="soft", compiled=how).step(data)
         ends.append(data.qvel.copy())
     np.testing.assert_allclose(*ends, atol=1e-9)
+
+
+def test_the_tied_contact_is_meant_where_geoms_and_bodies_have_different_orders():
+    """MuJoCo lists the contacts of one pair of bodies after another, `Contacts` has them in the order of geoms."""
+    model = mujoco.MjModel.from_xml_string("""
+    <mujoco>
+      <option gravity="0 0 0"/>
+      <worldbody>
+        <body name="long"><freejoint/>
+          <geom name="left" size=".1" pos="-.5 0 0"/><geom name="right" size=".1" pos=".5 0 0"/></body>
+        <body name="welded" pos=".699 0 0"><freejoint/><geom name="end" size=".1"/></body>
+        <body name="free" pos="-.699 0 0"><freejoint/><geom name="ball" size=".1"/></body>
+      </worldbody>
+      <equality><weld body1="long" body2="welded"/></equality>
+    </mujoco>""")
+    data = mujoco.MjData(model)
+    data.qvel[12] = 1.0  # the free ball hits the left end
+    stepper = Stepper(model, Moreau(0.5), contact_model="soft", compiled="never")
+    stepper.step(data)
+    assert [event.contacts.labels for event in stepper.events] == [("left/ball",)]
