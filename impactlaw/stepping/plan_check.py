@@ -53,9 +53,7 @@ class PlanCheck:
     def __init__(self, model: mujoco.MjModel, plan: Plan, friction: Literal["coulomb", "convex", "ignore"]):
         self._model, self._plan = model, plan
         self._friction: Literal["coulomb", "convex", "ignore"] = friction
-        ignored = () if model.flg_surfacevel else ("geom_surfacevel",)  # as in MuJoCo
-        fields = (name for name in watched_fields(plan, friction) if name not in ignored)
-        self._names = tuple(name for name in fields if getattr(model, name).size)
+        self._names = tuple(name for name in watched_fields(plan, friction) if getattr(model, name).size)
         self._limits = _active_limits(model)
         self._keep()
 

@@ -327,3 +327,20 @@ def test_coefficients_of_friction_count_once_a_condim_lets_them():
     model.geom_friction[:, 0] = 0.5
     with pytest.raises(SceneError, match=r"contacts have friction since model.geom_friction was changed"):
         stepper.step(data)
+
+
+@pytest.mark.parametrize("way", [{"contact_model": "soft"}, {"scheme": "event-driven"}])
+def test_a_belt_switched_on_later_is_refused_where_the_plan_has_none(way):
+    """MuJoCo reads the velocity of belts only if the model was compiled with one, or the flag is set by hand."""
+    model = mujoco.MjModel.from_xml_string("""
+    <mujoco>
+      <worldbody>
+        <geom type="plane" size="1 1 1"/>
+        <body pos="0 0 .1"><freejoint/><geom size=".1"/></body>
+      </worldbody>
+    </mujoco>""")
+    data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.5), **way)
+    stepper.step(data)
+    model.geom_surfacevel[0, 0], model.flg_surfacevel = 1.0, True
+    with pytest.raises(SceneError, match="surfaces move since"):
+        stepper.step(data)
