@@ -75,10 +75,14 @@ class Configuration:
                 self._damping = None if self._known is None else self._known / duration
 
     @property
-    def _added(self) -> np.ndarray | None:
+    def added(self) -> np.ndarray | None:
         """What implicit damping adds to the diagonal of M, (nv,), or None; computed when needed, which is rare."""
         self._find_added()
         return self._known
+
+    def damp_again(self, added: np.ndarray | None) -> None:
+        """Replace M by ``M + tau D`` for a phase that was tried before others, given what `added` was after it."""
+        self._known, self._phase, self._factored = added, None, False
 
     def is_locked(self, timestep: float, ratio: float) -> bool:
         """Return whether damping all but locks a joint in a timestep, s; see `integration.locked_joints`."""
@@ -125,7 +129,7 @@ class Configuration:
         mujoco.mj_mulM(self.model, self.data, result, velocity)
         if self._stiffness is not None:
             result += self._stiffness.dot(velocity)
-        added = self._added
+        added = self.added
         return result if added is None else result + added * velocity
 
     def velocity(self, momentum: np.ndarray) -> np.ndarray:
@@ -164,12 +168,12 @@ class Configuration:
         self.refresh()
         if self._stiffness is not None:
             dense = mass_matrix(self.model, self.data) + self._stiffness
-            if self._added is not None:
-                dense[np.diag_indices_from(dense)] += self._added
+            if self.added is not None:
+                dense[np.diag_indices_from(dense)] += self.added
             self._root, self._factored = np.linalg.cholesky(dense), True
             return
         self._root = None
-        M, added = self.data.M, self._added
+        M, added = self.data.M, self.added
         own = None if added is None else M[self._diagonal]
         if added is not None:
             M[self._diagonal] += added

@@ -81,11 +81,16 @@ def hold_with_friction(
     now, velocity = phase_end.now, free + change
     configuration.data.qvel[:] = velocity
     tried = phase_end._replace(now=now._replace(contact_velocity=now.contact_set.contact_velocity(velocity)))
-    return tried, partial(_hold_velocity, phase_end, phase, felt, free, table)
+    return tried, partial(_hold_velocity, phase_end, phase, felt, free, table, configuration.added)
 
 
 def _hold_velocity(
-    phase_end: PhaseEnd, phase: Phase, felt: PredictedForce, free: np.ndarray, guess: np.ndarray
+    phase_end: PhaseEnd,
+    phase: Phase,
+    felt: PredictedForce,
+    free: np.ndarray,
+    guess: np.ndarray,
+    added: np.ndarray | None,
 ) -> PhaseEnd:
     """Give the sustained contacts the velocity after their impulses; return them with these impulses.
 
@@ -93,7 +98,7 @@ def _hold_velocity(
     that pushes without it; otherwise light limbs would be thrown off the ground.
     """
     now, configuration = phase_end.now, phase_end.now.configuration
-    configuration.damp(phase.duration)  # other phases may have been tried meanwhile
+    configuration.damp_again(added)  # other phases may have been tried meanwhile
     impulses = _solve(phase_end, phase, free, guess)
     turned = _turned(phase_end, phase, impulses.rows)
     if turned is not None:
