@@ -68,6 +68,7 @@ class Batch:
         RestitutionError: as raised by `set_law`.
         OptionError: the number of worlds or threads, or rest_speed, is invalid.
         UnknownNameError: an option has no such value, or law holds an object that is not a `Law`.
+        UncompilableError: numba cannot be imported.
 
     Warns:
         HeldJointsWarning: as `Stepper` does (rigid).

@@ -24,7 +24,8 @@ class ImpactEvent:
         contacts: the contacts that collided, with their labels, geoms, gaps, positions and normals.
         impact: the outcome; ``impact.collision`` holds the mass matrix, the Jacobian and the velocity before.
         qpos: the configuration at the collision, (nq,).
-        projected: whether the law's own outcome left S(v-) and was replaced by this one.
+        projected: whether this is not the law's own outcome: that one left S(v-) and was replaced, or in a time step
+            scaled; or no impulses of the law were found that lead to the velocity of the time step.
     """
 
     time: float

@@ -109,13 +109,15 @@ class Stepper:
         RestitutionError: law="scene" and the scene carries no restitution; or the law is for more contacts than the
             scene can have, for another number of velocities, or for friction where there is none.
         UnknownNameError: there is no such option, or the law is keyed by contacts that the scene cannot have.
-        OptionError: rest_speed is not a speed, gap_tolerance not a length, max_events not a count, or contacts not
-            patterns.
+        OptionError: rest_speed is not a speed, gap_tolerance not a length, max_events not a count, contacts not
+            patterns, or limits neither True nor False.
+        UncompilableError: time stepping, or a law with friction, needs numba, which cannot be imported.
 
     Warns:
         HeldJointsWarning: time stepping may hold joints still, because links overlap or dry friction exceeds the
             force of servos.
         UnreadSensorsWarning: event-driven steps leave contact sensors without forces.
+        UncompiledWarning: steps are in Python, although compiled="auto" was given.
     """
 
     model, plan = Settled(_ANEW), Settled(_ANEW)
@@ -214,7 +216,11 @@ class Stepper:
 
     @property
     def events(self) -> tuple[ImpactEvent, ...]:
-        """The collisions of the last call, in order; compiled steps resolve them when they are first read."""
+        """The collisions of the last call, in order; compiled steps resolve them when they are first read.
+
+        Raises:
+            SceneError: the model has changed since, so that a compiled step cannot be repeated.
+        """
         return self._events() if callable(self._events) else self._events
 
     @property
@@ -273,17 +279,21 @@ class Stepper:
         Raises:
             OverlapError: geoms overlap at the start by more than the gap tolerance, or are squeezed so that they cannot
                 be pushed out, and on_unsolved is "raise". The message names the pairs and depths.
-            InadmissibleImpactError: the law would create energy and on_inadmissible is "raise".
+            InadmissibleImpactError: the outcome of the law is not in S(v-) and on_inadmissible is "raise".
             RestitutionError: the law's coefficients do not fit the contacts that collide.
+            OptionError: steps is not a positive whole number.
             UnsolvableLawError: the law has no solution for the contacts that collide, and on_unsolved is "raise".
             SolverError: no solver's answer for these contacts passed its certificate, and on_unsolved is "raise"
                 (event-driven).
             UnfinishedStepError: the step takes too much work, or contact is not held, and on_unsolved is "raise".
             DivergenceError: position or velocity is not finite.
             mujoco.FatalError: MuJoCo's own memory is too small, or MuJoCo refuses a value written into the model.
-            SceneError: data is not an MjData, or belongs to a model with other bodies, joints or geoms; or the model
-                now needs something that the plan has left out, such as friction, or its limits of joints have changed
-                (event-driven).
+            SceneError: data is not an MjData, or belongs to a model with other bodies, joints or geoms; the timestep is
+                not positive; or the model now needs something that the plan has left out, such as friction, or its
+                limits of joints have changed (event-driven).
+
+        Warns:
+            ManyCollisionsWarning: once, if a step has too many collisions to locate them all (event-driven).
         """
         if data.__class__ is not mujoco.MjData or data.signature != self._signature:
             _check_data(self._model, data)
