@@ -111,7 +111,7 @@ class Stepper:
         UnknownNameError: there is no such option, or the law is keyed by contacts that the scene cannot have.
         OptionError: rest_speed is not a speed, gap_tolerance not a length, max_events not a count, contacts not
             patterns, or limits neither True nor False.
-        UncompilableError: time stepping, or a law with friction, needs numba, which cannot be imported.
+        UncompilableError: time stepping needs numba, which cannot be imported.
 
     Warns:
         HeldJointsWarning: time stepping may hold joints still, because links overlap or dry friction exceeds the
@@ -286,6 +286,7 @@ class Stepper:
             SolverError: no solver's answer for these contacts passed its certificate, and on_unsolved is "raise"
                 (event-driven).
             UnfinishedStepError: the step takes too much work, or contact is not held, and on_unsolved is "raise".
+            UncompilableError: several contacts with friction collide, but numba cannot be imported.
             DivergenceError: position or velocity is not finite.
             mujoco.FatalError: MuJoCo's own memory is too small, or MuJoCo refuses a value written into the model.
             SceneError: data is not an MjData, or belongs to a model with other bodies, joints or geoms; the timestep is
