@@ -89,8 +89,9 @@ class Stepper:
             with E = 0 (soft), or time stepped if E = 0 would cost energy (event-driven). A larger number also allows
             more work.
         solver: a name from `impactlaw.solvers.SOLVERS`, or "auto" (event-driven, soft).
-        compiled: "auto" (the default) takes steps in compiled code if it covers the scene and the law, and warns if
-            it does not and "auto" was given explicitly; "never" takes all steps in Python (time stepping, soft).
+        compiled: "auto" (the default) takes steps in compiled code if it covers the scene and the law, and warns if it
+            does not and "auto" was given explicitly; "never" takes all steps in Python (time stepping, soft). Steps
+            while a callback of MuJoCo is set, and soft steps of the integrator "discrete", are in Python, too.
 
     Attributes:
         law: the law. It can be set; the new law takes effect with the next step. The other options can only be read.
