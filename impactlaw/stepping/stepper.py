@@ -51,10 +51,9 @@ class Stepper:
     Args:
         model: the compiled scene. Its options are read at every step and may be changed between steps; contacts and
             limits that they disable are off. Rigid steps refuse the override of contacts if contacts have friction.
-            Any other change takes effect where MuJoCo reads the field again, except that event-driven steps keep
-            shapes as they were when a contact was first seen. If the model later gets friction, contacts, limits or
-            belts that it did not have when the stepper was made, the next step raises. So does an event-driven step
-            if the limits of joints have changed.
+            Any other change takes effect where MuJoCo reads the field again. If the model later gets friction,
+            contacts, limits or belts that it did not have when the stepper was made, the next step raises. So does an
+            event-driven step if the limits of joints have changed.
         law: a `Law`, or "scene" for the restitution that the MJCF itself carries (`laws.restitution.from_scene`).
         contact_model: "rigid" or "soft".
         scheme: "event-driven" (the default) or "time-stepping" (rigid).
