@@ -38,6 +38,8 @@ _PARTS = (
     "solvers/cones/algebra",
     "solvers/cones",
     "stepping/compiled",
+    "stepping/compiled/left_out",
+    "stepping/time_stepping/problem/detection",
     "stepping/time_stepping/problem",
     "stepping/time_stepping/problem/solution",
     "stepping/time_stepping",

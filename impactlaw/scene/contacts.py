@@ -10,7 +10,19 @@ import mujoco
 import numpy as np
 
 from impactlaw.errors import SceneError
-from impactlaw.scene.tolerances import ASKEW, ASKEW_SPHERE, FLUSH, NO_LEVER, ON_AXIS, SHORT, SUNK, TOUCHING
+from impactlaw.scene.tolerances import (
+    ASKEW,
+    ASKEW_MEASURED,
+    ASKEW_SPHERE,
+    FLUSH,
+    NO_LEVER,
+    ON_AXIS,
+    PROBE,
+    SHORT,
+    SUNK,
+    SUNK_MEASURED,
+    TOUCHING,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,9 +31,9 @@ if TYPE_CHECKING:
 
 _FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL)
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
-_PLANE, _SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX = (
+_PLANE, _FIELD, _SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX, _MESH = (
     int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}"))
-    for name in ("PLANE", "SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX")
+    for name in ("PLANE", "HFIELD", "SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX", "MESH")
 )
 
 
@@ -122,7 +134,7 @@ def _extent(model: mujoco.MjModel, data: mujoco.MjData, geom: int, normal: np.nd
 def _hidden(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     """Return which of MuJoCo's contacts the plane of a closed one hides, bool (ncon,).
 
-    See `corrected_contacts.hide_edges`.
+    See `stepping.compiled.left_out.hidden_edges`.
     """
     found = data.contact
     geom, dist, normal, out = found.geom, found.dist, found.frame[:, :3], np.zeros(data.ncon, dtype=bool)
@@ -131,23 +143,39 @@ def _hidden(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     pairs = np.where(fixed[:, :1], geom[:, ::-1], geom)[between]  # the moving geom first
     movers, many = np.unique(np.unique(pairs, axis=0)[:, 0], return_counts=True)
     several = np.isin(geom, movers[many > 1]).any(axis=1)
+    several |= np.isin(geom, movers[np.isin(movers, pairs[model.geom_type[pairs[:, 1]] == _FIELD, 0])]).any(axis=1)
     for s in np.flatnonzero(between & several & (dist <= TOUCHING)):
         if out[s]:
             continue
         own = int(fixed[s, 0])  # the place of the geom that moves
-        mover, up = geom[s, own], normal[s] if own else -normal[s]
-        face = found.pos[s] - 0.5 * dist[s] * up
+        mover, floor, up = geom[s, own], geom[s, 1 - own], normal[s] if own else -normal[s]
+        mine, sunk = np.flatnonzero((geom == mover).any(axis=1) & between), max(0.0, -dist[s])
+        face, deepest = found.pos[s] - 0.5 * dist[s] * up, s == mine[np.argmin(dist[mine])]
         below = _extent(model, data, mover, up) - (data.geom_xpos[mover] - face) @ up
-        if below > FLUSH + SUNK * max(0.0, -dist[s]):
-            continue
         least = ASKEW_SPHERE if model.geom_type[mover] == _SPHERE else ASKEW
-        for k in np.flatnonzero((geom == mover).any(axis=1)):
+        for k in mine:
             other = int(geom[k, 0] == mover)
             ahead, away = geom[k, other], -normal[k] if other else normal[k]
-            if ahead < 0 or ahead == geom[s, 1 - own] or weld[k, other] != weld[s, 1 - own] or away @ up > least:
+            shapes = model.geom_type[ahead], model.geom_type[mover]
+            if (ahead == floor and shapes[0] != _FIELD) or weld[k, other] != weld[s, 1 - own]:
                 continue
-            out[k] |= (data.geom_xpos[ahead] - face) @ up + _extent(model, data, ahead, up) <= FLUSH
+            if shapes[0] == _FIELD or _MESH in shapes:
+                if deepest and away @ up <= ASKEW_MEASURED:
+                    into = (away @ up) * up - away
+                    into *= (PROBE + max(0.0, dist[k]) + 2.0 * SUNK_MEASURED * sunk) / np.linalg.norm(into)
+                    out[k] |= _depth(model, data, mover, ahead, into) <= FLUSH + SUNK_MEASURED * sunk
+            elif away @ up <= least and below <= FLUSH + SUNK * sunk:
+                out[k] |= (data.geom_xpos[ahead] - face) @ up + _extent(model, data, ahead, up) <= FLUSH
     return out
+
+
+def _depth(model: mujoco.MjModel, data: mujoco.MjData, geom: int, other: int, shift: np.ndarray) -> float:
+    """Return how deep a geom overlaps another one after a shift, (3,), m."""
+    place = data.geom_xpos[geom].copy()
+    data.geom_xpos[geom] += shift
+    gap = mujoco.mj_geomDistance(model, data, geom, other, 0.0, None)
+    data.geom_xpos[geom] = place
+    return -gap
 
 
 def acted_on(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:

@@ -7,8 +7,6 @@ rounding errors and has a normal part. Friction would then act like a normal imp
 Distances of cylinders that stand on a plane are measured again. MuJoCo looks for the lowest point of the rim. If the
 axis is tilted by an angle a from the normal, the height of that point has an error of some 1e-16 / a times the radius:
 a cylinder at rest on its face would be lifted and dropped, and may have no contact at all.
-
-Contacts with edges that a floor of several geoms hides are left out: bodies slide on over them.
 """
 
 from __future__ import annotations
@@ -17,24 +15,10 @@ import mujoco
 import numpy as np
 
 from impactlaw.compiled import compiled, for_python
-from impactlaw.scene.tolerances import (
-    ASKEW,
-    ASKEW_SPHERE,
-    FLUSH,
-    ORTHOGONAL,
-    OUT_OF_REACH,
-    ROUNDED,
-    STANDS,
-    SUNK,
-    TOUCHING,
-    UPRIGHT,
-)
-from impactlaw.solvers.cones.algebra.loops import integers, kernel, plain
+from impactlaw.scene.tolerances import ORTHOGONAL, ROUNDED, STANDS, UPRIGHT
+from impactlaw.solvers.cones.algebra.loops import plain
 
-_PLANE, _SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX = (
-    int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}"))
-    for name in ("PLANE", "SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX")
-)
+_PLANE, _CYLINDER = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
 
 
 @plain
@@ -126,95 +110,6 @@ def measure_standing(kind, size, place, turn, geom, dist, pos, frame):
 
 measure_again = for_python(measure_standing)
 """The form of `measure_standing` that Python calls."""
-
-
-@plain
-def support(kind, size, normal):
-    """Return how far a shape extends from its center along a normal in its frame, m; infinite if not in closed form."""
-    x, y, z = abs(normal[0]), abs(normal[1]), abs(normal[2])
-    if kind == _SPHERE:
-        return size[0]
-    if kind == _CAPSULE:
-        return size[0] + size[1] * z
-    if kind == _ELLIPSOID:
-        return np.sqrt((size[0] * x) ** 2 + (size[1] * y) ** 2 + (size[2] * z) ** 2)
-    if kind == _CYLINDER:
-        return size[0] * np.sqrt(x * x + y * y) + size[1] * z
-    if kind == _BOX:
-        return size[0] * x + size[1] * y + size[2] * z
-    return np.inf
-
-
-@plain
-def _beyond(g, point, normal, sign, shapes):
-    """Return how far a geom extends beyond a point along a normal times `sign`, m."""
-    shape, extent, place, turn = shapes
-    far, own = 0.0, (0.0, 0.0, 0.0)
-    for i in range(3):
-        n = normal[i]
-        far += sign * n * (place[g, i] - point[i])
-        own = (own[0] + n * turn[g, 3 * i], own[1] + n * turn[g, 3 * i + 1], own[2] + n * turn[g, 3 * i + 2])
-    return far + support(shape[g], extent[g], own)
-
-
-@plain
-def _mover(pair, body_of_geom, tree):
-    """Return the place of the moving geom in a contact with a fixed one, -1 for other contacts."""
-    if pair[0] < 0 or pair[1] < 0:
-        return -1
-    first, second = tree[body_of_geom[pair[0]]] >= 0, tree[body_of_geom[pair[1]]] >= 0
-    return int(second) if first != second else -1
-
-
-@kernel
-def hide_edges(dist, pos, frame, geom, body_of_geom, weld, tree, shapes):
-    """Put contacts out of reach that the plane of a closed contact hides; return whether there are any.
-
-    A body that slides over a floor of several geoms comes near the edge of the one ahead. That contact closes along the
-    floor, but the body passes over it: no part of the geom ahead is above the floor, and no part of the body is lower
-    than it has sunk into the floor.
-
-    Args:
-        dist: gaps, m, (ncon,); written.
-        pos: contact points, m, (ncon, 3).
-        frame: frames with normals first, at least (ncon, 3).
-        geom: geoms of contacts, (ncon, 2).
-        body_of_geom: body of each geom, (ngeom,).
-        weld: MuJoCo's body_weldid, (nbody,).
-        tree: MuJoCo's body_treeid, -1 for bodies without degrees of freedom, (nbody,).
-        shapes: MuJoCo's geom_type, geom_size, geom_xpos and geom_xmat.
-    """
-    last, before, hidden = integers(len(body_of_geom)), integers(len(dist)), False
-    last[:] = -1  # the last contact of each moving geom with fixed ones, and the one before each contact
-    for k in range(len(dist)):
-        own = _mover(geom[k], body_of_geom, tree)
-        if own >= 0:
-            before[k], last[geom[k, own]] = last[geom[k, own]], k
-    for s in range(len(dist)):
-        own = -1 if dist[s] > TOUCHING else _mover(geom[s], body_of_geom, tree)
-        if own < 0:
-            continue
-        mover, floor, up = geom[s, own], geom[s, 1 - own], 2.0 * own - 1.0
-        least, k = ASKEW_SPHERE if shapes[0][mover] == _SPHERE else ASKEW, last[mover]
-        while k >= 0:
-            if _hides(s, k, floor, mover, up, least, dist, pos, frame, geom, body_of_geom, weld, shapes):
-                dist[k], hidden = OUT_OF_REACH, True
-            k = before[k]
-    return hidden
-
-
-@plain
-def _hides(s, k, floor, mover, up, least, dist, pos, frame, geom, body_of_geom, weld, shapes):
-    """Return whether contact s with the floor hides contact k of the same geom with the geom ahead."""
-    ahead, sign = (geom[k, 1], -up) if geom[k, 0] == mover else (geom[k, 0], up)
-    if ahead == floor or weld[body_of_geom[ahead]] != weld[body_of_geom[floor]]:
-        return False
-    along = 0.0
-    for i in range(3):
-        along += sign * frame[k, i] * frame[s, i]
-    if along > least or _beyond(ahead, pos[s], frame[s], up, shapes) + 0.5 * dist[s] > FLUSH:
-        return False
-    return _beyond(mover, pos[s], frame[s], -up, shapes) - 0.5 * dist[s] <= FLUSH + SUNK * max(0.0, -dist[s])
 
 
 @plain

@@ -152,7 +152,7 @@ def stiffness(model: mujoco.MjModel, data: mujoco.MjData, kept: np.ndarray) -> n
 def are_tied(gradients: np.ndarray, constraints: np.ndarray, lengths: np.ndarray) -> np.ndarray:
     """Return which gap gradients, (h, nv), are almost entirely fixed by constraints, (m, nv), bool (h,).
 
-    See `stepping.compiled.tied_contacts`. ``lengths`` come from the function `lengths`, ``constraints`` from
+    See `stepping.compiled.left_out.tied_contacts`. ``lengths`` come from the function `lengths`, ``constraints`` from
     `bilateral_rows`.
     """
     basis, _ = row_span(constraints / lengths, OWN_CONSTRAINT)

@@ -28,7 +28,7 @@ class Constraints:
         # numba is not loaded before it is used
         from impactlaw.stepping.compiled.dense import sparse_jacobian
         from impactlaw.stepping.compiled.islands import joined_trees, trees_of_rows
-        from impactlaw.stepping.compiled.tied_contacts import mark_tied_contacts
+        from impactlaw.stepping.compiled.left_out.tied_contacts import mark_tied_contacts
 
         jacobian, trees = sparse_jacobian(model, data), model.dof_treeid
         island = joined_trees(data.efc_type, data.efc_id, *jacobian, trees, model.ntree)
@@ -42,7 +42,7 @@ class Constraints:
         self._tied = tied[acted_on(model, data)]
 
     def tie(self, contacts: Contacts) -> np.ndarray:
-        """Return which contacts constraints tie, bool (h,), see `compiled.tied_contacts`; limits are never tied."""
+        """Return which contacts constraints tie, bool (h,), see `left_out.tied_contacts`; limits are never tied."""
         tied = np.zeros(len(contacts), dtype=bool)
         tied[contacts.geoms[:, 0] >= 0] = self._tied
         return tied

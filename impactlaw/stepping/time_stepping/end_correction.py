@@ -6,13 +6,13 @@ import mujoco
 import numpy as np
 
 from impactlaw.compiled import compiled, for_python
-from impactlaw.scene.corrected_contacts import support
 from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.stepping.compiled import libmujoco as mj
+from impactlaw.stepping.compiled.left_out.hidden_edges import support
 from impactlaw.stepping.compiled.whitening import Inertia
 from impactlaw.stepping.time_stepping.free_motion import update_frames
-from impactlaw.stepping.time_stepping.problem.contact_points import find_nearest
+from impactlaw.stepping.time_stepping.problem.detection.contact_points import find_nearest
 from impactlaw.stepping.time_stepping.problem.overlaps import COUNTED, begins_deep, open_overlaps
 from impactlaw.stepping.time_stepping.problem.reader import RowReader, read_rows
 from impactlaw.stepping.time_stepping.problem.rows import Known, Rows

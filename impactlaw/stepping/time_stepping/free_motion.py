@@ -19,7 +19,7 @@ from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.stepping.compiled.whitening import Inertia
 from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
 from impactlaw.stepping.time_stepping.margins import find_outrun, find_sizes, set_margins
-from impactlaw.stepping.time_stepping.problem.contact_points import find_nearest, mend_contacts
+from impactlaw.stepping.time_stepping.problem.detection.contact_points import find_nearest, mend_contacts
 from impactlaw.stepping.time_stepping.problem.forces import without_far_limits
 from impactlaw.stepping.time_stepping.standing_cylinders import find_standing
 from impactlaw.stepping.time_stepping.temporary_options import TemporaryOptions
@@ -156,7 +156,7 @@ def _find(model: mujoco.MjModel, data: mujoco.MjData, options: TemporaryOptions,
 
 
 def _mend_contacts(model: mujoco.MjModel, data: mujoco.MjData, *, mended: bool) -> None:
-    """Correct contacts; see `scene.corrected_contacts` and `problem.contact_points`.
+    """Correct contacts; see `problem.detection.contact_points`.
 
     Rows of constraints are made again if anything changes, or contacts were mended before.
     """
@@ -164,7 +164,8 @@ def _mend_contacts(model: mujoco.MjModel, data: mujoco.MjData, *, mended: bool) 
     shapes = model.geom_type, model.geom_size, data.geom_xpos, data.geom_xmat
     if data.ncon:
         mended |= find_nearest(model, data)
-    if data.ncon and mend_contacts(found.dist, found.pos, found.frame, found.dim, found.geom, *bodies, shapes):
+    at = model._address, data._address
+    if data.ncon and mend_contacts(found.dist, found.pos, found.frame, found.dim, found.geom, *bodies, shapes, at):
         mended = True
     if mended:
         mujoco.mj_makeConstraint(model, data)

@@ -54,6 +54,7 @@ from impactlaw.stepping.time_stepping.free_motion import (
     update_inertia,
 )
 from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
+from impactlaw.stepping.time_stepping.problem.detection.passed_edges import PassedEdges
 from impactlaw.stepping.time_stepping.problem.forces import listed_stage, sense, write_forces
 from impactlaw.stepping.time_stepping.problem.gradient_turns import take_turns
 from impactlaw.stepping.time_stepping.problem.reader import RowReader
@@ -109,6 +110,7 @@ class TimeStepping:
         self._sizes = np.zeros(model.nbody)
         self.inertial = InertialForces(model)
         self._listed = listed_stage(model)
+        self._edges = PassedEdges(model)
         self._end_correction = EndCorrection(model, self._sizes, self._options, self._reader)
         self._state = empty_state(model)
         self._left: tuple[bytes, ...] = ()
@@ -286,8 +288,8 @@ class TimeStepping:
         Return the velocity that opens overlaps, if there are any to open, and whether the law is met.
         """
         working_set = WorkingSet(
-            self._model, self._problem, self._reader, self.inertial, self._velocity, self._middle, self._metric,
-            np.ones(1), MANY_ROUNDS if self.solved else FEW_ROUNDS,
+            self._model, self._problem, self._reader, self._edges, self.inertial, self._velocity, self._middle,
+            self._metric, np.ones(1), MANY_ROUNDS if self.solved else FEW_ROUNDS,
         )  # fmt: skip
         free = data.qvel.copy()
         outcome, farther, work = working_set.find(data, self._known), 0, 1.0

@@ -12,6 +12,7 @@ from impactlaw.stepping.compiled.whitening import Inertia
 from impactlaw.stepping.time_stepping.contact_impulses import ContactProblem, Start
 from impactlaw.stepping.time_stepping.events import StepImpulses
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, SMALL_PART, InertialForces
+from impactlaw.stepping.time_stepping.problem.detection.passed_edges import PassedEdges
 from impactlaw.stepping.time_stepping.problem.energy import move_rows
 from impactlaw.stepping.time_stepping.problem.gradient_turns import recall_turns
 from impactlaw.stepping.time_stepping.problem.reader import RowReader
@@ -65,6 +66,7 @@ class WorkingSet:
     model: mujoco.MjModel  # the scene
     problem: ContactProblem  # the contact problem under the law
     reader: RowReader  # reader of rows
+    edges: PassedEdges  # finds contacts that bodies pass over
     inertial: InertialForces  # Coriolis and gyroscopic forces
     velocity: np.ndarray  # velocity at the start of the step, (nv,)
     middle: np.ndarray  # configuration in the middle of the step, (nq,)
@@ -77,16 +79,22 @@ class WorkingSet:
     def find(self, data: mujoco.MjData, known: Known | None) -> Outcome:
         """Add the effect of contact to the velocity of data, and return the result of the last working set.
 
-        Contacts that are far from closing are left out; if the resulting velocity would close one of them, it joins
-        the next working set. If contacts are hit only through others, the others collide first, which may close
-        further contacts. The same is tried if a few sets do not hold everything that closes. If Coriolis and
-        gyroscopic forces create energy because of a collision, the collision is put between two half steps.
+        Contacts that are far from closing are left out, and those that bodies may pass over, see `passed_edges`. If the
+        resulting velocity would close one of them, it joins the next working set. If contacts are hit only through
+        others, the others collide first, which may close further contacts. The same is tried if a few sets do not hold
+        everything that closes. If Coriolis and gyroscopic forces create energy because of a collision, the collision is
+        put between two half steps.
         """
         free, h, begun = data.qvel.copy(), self.model.opt.timestep, self.work[0]
         near, sets = self.reader.near(data, self.velocity, free, 2.0 * h), 1
+        doubtful = self.edges.leave_doubtful(data, near)
+        doubts = np.count_nonzero(doubtful) > 0
         found, current = self._try(data, near, free, known), replace(self, rounds=FEW_ROUNDS)
         while True:
-            new = self.reader.near(data, data.qvel, data.qvel, h) & ~near
+            new = self.reader.near(data, data.qvel, data.qvel, h)
+            if doubts:
+                self.edges.pass_over(data, self.middle, near, new, doubtful)
+            new &= ~near
             more, unseen = sets < SETS + PHASE_SETS, bool(np.count_nonzero(new))
             allowed = len(found.rows.row) <= PHASE_SET_ROWS if current.phases else sets < SETS
             if more and unseen and allowed:

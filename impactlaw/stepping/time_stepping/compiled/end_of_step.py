@@ -48,7 +48,7 @@ from impactlaw.stepping.compiled.fields import (
     put_int,
     table_ints,
 )
-from impactlaw.stepping.compiled.tied_contacts import leave_tied_out
+from impactlaw.stepping.compiled.left_out.tied_contacts import leave_tied_out
 from impactlaw.stepping.time_stepping.compiled.impulses.contact_problem import count, count_entries, read
 from impactlaw.stepping.time_stepping.compiled.model_copy import limit_margins, widen_limits
 from impactlaw.stepping.time_stepping.compiled.standing_cylinders import find_standing
@@ -65,7 +65,7 @@ from impactlaw.stepping.time_stepping.end_correction import (
     end_targets,
 )
 from impactlaw.stepping.time_stepping.margins import LEAST
-from impactlaw.stepping.time_stepping.problem.contact_points import add_nearest
+from impactlaw.stepping.time_stepping.problem.detection.contact_points import add_nearest
 from impactlaw.stepping.time_stepping.problem.overlaps import COUNTED, begins_deep, open_overlaps
 
 _PYRAMIDAL, _ELLIPTIC = int(mujoco.mjtCone.mjCONE_PYRAMIDAL), int(mujoco.mjtCone.mjCONE_ELLIPTIC)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.scene.corrected_contacts import hide_edges, make_orthogonal
+from impactlaw.scene.corrected_contacts import make_orthogonal
 from impactlaw.solvers.cones.algebra.loops import clear, equal, norm, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
@@ -33,6 +33,7 @@ from impactlaw.stepping.compiled.fields import (
     put_int,
     table_floats,
 )
+from impactlaw.stepping.compiled.left_out.hidden_edges import hide_edges
 from impactlaw.stepping.time_stepping.compiled.end_of_step import update_frames
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import settle
 from impactlaw.stepping.time_stepping.compiled.limits import hide_far_limits, narrow_limits
@@ -47,7 +48,7 @@ from impactlaw.stepping.time_stepping.compiled.state.surfaces import (
 )
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.margins import ALWAYS, outruns, write_arms, write_margins, write_sizes
-from impactlaw.stepping.time_stepping.problem.contact_points import add_nearest, put_on_bodies, put_on_planes
+from impactlaw.stepping.time_stepping.problem.detection.contact_points import add_nearest, put_on_bodies, put_on_planes
 from impactlaw.stepping.time_stepping.tolerances import SHARES
 
 _EULER, _CONSTRAINT = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
@@ -275,7 +276,7 @@ def _mend_contacts(w):
     turned = make_orthogonal(frame) or nearer
     places = rows_of(w, DATA.geom_xpos, ngeom, 3), rows_of(w, DATA.geom_xmat, ngeom, 9)
     shapes = shape, model_floats(w, MODEL.geom_size, 3 * ngeom).reshape((ngeom, 3)), places[0], places[1]
-    turned = hide_edges(dist, pos, frame, geom, body, weld, tree, shapes) or turned
+    turned = hide_edges(dist, pos, frame, geom, body, weld, tree, shapes, (w.model, w.data)) or turned
     moved = put_on_bodies(dist, pos, frame, contact_ints(w, CONTACT.dim, 1)[:, 0], geom, body, weld, tree)
     return put_on_planes(dist, pos, frame, geom, body, weld) or moved or turned
 

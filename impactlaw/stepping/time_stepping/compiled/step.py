@@ -115,7 +115,7 @@ def _finish(w, memory, counts, left, frames, collided, missed):
 @plain
 def _constrain(
     w, law, memory, counts, held, begun, start, middle, bias, turning, gravity, full, cone, jacobian, chosen, seen,
-    mark, force, pairs, gaps, room, narrow, may, work,
+    doubtful, mark, force, pairs, gaps, room, narrow, may, work,
 ):  # fmt: skip
     """Take the rest of a step with constraints, from its middle.
 
@@ -128,7 +128,7 @@ def _constrain(
     rounds = MANY_ROUNDS if counts[MEMORY.solved] != 0 else FEW_ROUNDS
     found = find_impulses(
         w, law, memory, found_so_far(counts), start, middle, bias, turning, gravity, rounds, jacobian, chosen, seen,
-        mark, room, narrow,
+        doubtful, mark, room, narrow,
     )  # fmt: skip
     solved, rows = found.solved, rows_at(room.rows, found.groups, found.rows, room.entries)
     if solved.status != FINE:
@@ -201,10 +201,11 @@ def _step(w, law, memory, margins, cone, loaded):
         entries = count_entries(w, jacobian, mark)
         block, force = numbers(lay_out(FIRST, n, entries, nv)[1]), numbers(n)
         pairs, gaps = integers(2 * number(w, DATA.ncon)), numbers(number(w, DATA.ncon))
+        doubtful = cleared(number(w, DATA.ncon))
         room = lay_out(address_of(block), n, entries, nv)[0]
         status, collided, missed = _constrain(
             w, law, memory, counts, held, begun, start, middle, bias, turning, gravity, full, cone, jacobian, chosen,
-            seen, mark, force, pairs, gaps, room, narrow, farther < WIDER_DETECTIONS, allowed,
+            seen, doubtful, mark, force, pairs, gaps, room, narrow, farther < WIDER_DETECTIONS, allowed,
         )  # fmt: skip
         keep(block)
         if status == FARTHER:

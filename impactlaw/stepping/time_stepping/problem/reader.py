@@ -12,7 +12,7 @@ from impactlaw.scene.equality_constraints import constraint_kinds, lengths
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.solvers.cones.algebra.loops import FLOATS, cleared, numbers
 from impactlaw.stepping.compiled.dense import sparse_jacobian
-from impactlaw.stepping.compiled.tied_contacts import mark_tied_contacts
+from impactlaw.stepping.compiled.left_out.tied_contacts import mark_tied_contacts
 from impactlaw.stepping.compiled.whitening import INERTIA, Inertia
 from impactlaw.stepping.time_stepping.problem.rows import (
     JACOBIAN,
@@ -115,7 +115,7 @@ class RowReader:
         return self.without_tied(data, near)
 
     def without_tied(self, data: mujoco.MjData, near: np.ndarray) -> np.ndarray:
-        """Return which rows are near, bool (nefc,), without those that `compiled.tied_contacts` finds tied."""
+        """Return which rows are near, bool (nefc,), without those that `compiled.left_out.tied_contacts` finds tied."""
         if data.ne and data.ncon:
             address = data.contact.efc_address
             jacobian = sparse_jacobian(self._model, data)

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from impactlaw.scene.corrected_contacts import hide_edges
 from impactlaw.scene.tolerances import OUT_OF_REACH
 from impactlaw.solvers.cones.algebra.loops import cleared, indices, numbers, once, plain, put
 from impactlaw.stepping.compiled.access import (
@@ -22,7 +21,8 @@ from impactlaw.stepping.compiled.access import (
     size,
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL
-from impactlaw.stepping.compiled.tied_contacts import mark_tied
+from impactlaw.stepping.compiled.left_out.hidden_edges import hide_edges
+from impactlaw.stepping.compiled.left_out.tied_contacts import mark_tied
 
 Array = np.ndarray[Any, Any]
 
@@ -60,7 +60,7 @@ def _list(w, left_out, row, contact, paired):
 
 @plain
 def _mark_hidden(w, gap, hidden):
-    """Mark contacts with edges, see `corrected_contacts.hide_edges`; gap is scratch space. Both are (ncon,)."""
+    """Mark contacts with edges, see `hidden_edges.hide_edges`; gap is scratch space. Both are (ncon,)."""
     ngeom, nbody = size(w, MODEL.ngeom), size(w, MODEL.nbody)
     shapes = (
         model_ints(w, MODEL.geom_type, ngeom), model_floats(w, MODEL.geom_size, 3 * ngeom).reshape((ngeom, 3)),
@@ -70,7 +70,7 @@ def _mark_hidden(w, gap, hidden):
     hide_edges(
         gap, contact_floats(w, CONTACT.pos, 3), contact_floats(w, CONTACT.frame, 9), contact_ints(w, CONTACT.geom, 2),
         model_ints(w, MODEL.geom_bodyid, ngeom), model_ints(w, MODEL.body_weldid, nbody),
-        model_ints(w, MODEL.body_treeid, nbody), shapes,
+        model_ints(w, MODEL.body_treeid, nbody), shapes, (w.model, w.data),
     )  # fmt: skip
     for i in range(len(gap)):
         hidden[i] = hidden[i] or gap[i] == OUT_OF_REACH
@@ -81,7 +81,7 @@ def find(w, constraints):
     """Return the current contacts and limits, as arrays that are valid until the function that calls this returns.
 
     Contacts that equality constraints tie are left out, see `tied_contacts`; `constraints` are the kinds of these,
-    uint8 (neq,), or (0,) to leave out none of them. So are contacts with hidden edges, see `corrected_contacts`.
+    uint8 (neq,), or (0,) to leave out none of them. So are contacts with hidden edges, see `hidden_edges`.
     """
     most = number(w, DATA.nl) + number(w, DATA.ncon)
     row, contact, paired = indices(most), indices(most), indices(most)

@@ -12,7 +12,7 @@ from impactlaw.scene.equality_constraints import CALM, DRIFT, HELD_BY_DRIFT
 from impactlaw.solvers.cones.algebra.loops import FIRST, FLOATS, dot, numbers, plain
 from impactlaw.stepping.compiled.access import inertia_of, number, velocity_of
 from impactlaw.stepping.compiled.fields import DATA
-from impactlaw.stepping.compiled.tied_contacts import leave_out
+from impactlaw.stepping.compiled.left_out.tied_contacts import leave_out
 from impactlaw.stepping.compiled.whitening import whitened
 from impactlaw.stepping.soft.compiled.contacts.equalities import whitened_row
 from impactlaw.stepping.soft.compiled.contacts.kinds import FOUND, GRADIENTS, WORLD

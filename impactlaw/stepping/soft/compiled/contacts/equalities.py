@@ -17,7 +17,7 @@ from impactlaw.solvers.tolerances import RANK
 from impactlaw.stepping.compiled.access import data_floats, data_ints, inertia_of, model_ints, number, offset
 from impactlaw.stepping.compiled.fields import DATA, MODEL, float_at
 from impactlaw.stepping.compiled.islands import tree_of
-from impactlaw.stepping.compiled.tied_contacts import leave_out, parts_of_longest, write_lengths
+from impactlaw.stepping.compiled.left_out.tied_contacts import leave_out, parts_of_longest, write_lengths
 from impactlaw.stepping.soft.compiled.contacts.rows import Rows
 
 Array = np.ndarray[Any, Any]

@@ -16,7 +16,7 @@ from impactlaw.stepping.compiled.access import (
     velocity_of,
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA
-from impactlaw.stepping.compiled.tied_contacts import leave_tied_out
+from impactlaw.stepping.compiled.left_out.tied_contacts import leave_tied_out
 from impactlaw.stepping.time_stepping.compiled.impulses.answer import NO_ANSWER, Solved, goes_on, lost, scalable, solve
 from impactlaw.stepping.time_stepping.compiled.impulses.phases import resolve_in_phases
 from impactlaw.stepping.time_stepping.compiled.state.kinds import (

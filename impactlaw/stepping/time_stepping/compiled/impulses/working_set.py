@@ -17,6 +17,7 @@ from impactlaw.stepping.time_stepping.compiled.impulses.contact_problem import (
     take_over,
 )
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import created, forces_at, half, kick, lead_to
+from impactlaw.stepping.time_stepping.compiled.impulses.passed_edges import doubt, look_ahead
 from impactlaw.stepping.time_stepping.compiled.limits import passes_limit
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, remember_so_far
 from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, keep_known, known_at, rows_at, velocities_at
@@ -54,7 +55,8 @@ def _keep(w, memory, room, found):
 
 @once
 def find_impulses(
-    w, law, memory, known, start, middle, bias, turning, gravity, rounds, jacobian, chosen, seen, mark, room, narrow
+    w, law, memory, known, start, middle, bias, turning, gravity, rounds, jacobian, chosen, seen, doubtful, mark, room,
+    narrow,
 ):  # fmt: skip
     """Add the effect of contact to the velocity, and return it; see `scheme.TimeStepping`.
 
@@ -72,6 +74,7 @@ def find_impulses(
         jacobian: `access.nonzeros_of`.
         chosen: room for marks of MuJoCo's rows, (nefc,).
         seen: room for marks of MuJoCo's rows, (nefc,).
+        doubtful: room for marks of contacts, False, (ncon,).
         mark: marks of trees, False.
         room: see `state.room`.
         narrow: whether limits of joints were left out; the status is `UNSEEN` if one of them would be passed.
@@ -80,6 +83,7 @@ def find_impulses(
     still, unseen, begun = free[:0], False, floats(w.work, 1)[0]
     put(free, qvel)
     near(w, jacobian, start, free, 2.0 * h, chosen)
+    doubts = doubt(w, chosen, doubtful)
     found = attempt(
         w, jacobian, chosen, start, still, free, known, rounds, law, phases, mark, room, floats(room.sums, SUMS)
     )  # fmt: skip
@@ -90,6 +94,8 @@ def find_impulses(
                 _keep(w, memory, room, found)
             return Outcome(0, 0, _UNSEEN, False)
         near(w, jacobian, qvel, qvel, h, seen)
+        if doubts:
+            look_ahead(w, jacobian, middle, chosen, seen, doubtful)
         more, unseen = sets < SETS + PHASE_SETS, sees_more(chosen, seen)
         allowed = found.rows <= PHASE_SET_ROWS if phases else sets < SETS
         met = is_met(found.solved.missed, found.solved.fastest)

@@ -19,10 +19,11 @@ import mujoco
 import numpy as np
 
 from impactlaw.compiled import compiled
-from impactlaw.scene.corrected_contacts import hide_edges, make_orthogonal
+from impactlaw.scene.corrected_contacts import make_orthogonal
 from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.fields import address_of, keep
+from impactlaw.stepping.compiled.left_out.hidden_edges import hide_edges
 
 _CAPSULE, _CYLINDER, _BOX, _MESH = (
     int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("CAPSULE", "CYLINDER", "BOX", "MESH")
@@ -225,9 +226,9 @@ def find_nearest(model: mujoco.MjModel, data: mujoco.MjData) -> bool:
 
 
 @compiled()
-def mend_contacts(dist, pos, frame, dim, geom, body_of_geom, weld, tree, shapes):
+def mend_contacts(dist, pos, frame, dim, geom, body_of_geom, weld, tree, shapes, at):
     """Apply `make_orthogonal`, `hide_edges`, `put_on_bodies`, `put_on_planes`; return whether anything was changed."""
     turned = make_orthogonal(frame)
-    turned = hide_edges(dist, pos, frame, geom, body_of_geom, weld, tree, shapes) or turned
+    turned = hide_edges(dist, pos, frame, geom, body_of_geom, weld, tree, shapes, at) or turned
     moved = put_on_bodies(dist, pos, frame, dim, geom, body_of_geom, weld, tree)
     return put_on_planes(dist, pos, frame, geom, body_of_geom, weld) or moved or turned

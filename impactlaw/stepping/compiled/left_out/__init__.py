@@ -1,0 +1,1 @@
+"""Contacts that take no part in a step."""

@@ -1,0 +1,1 @@
+"""Which of MuJoCo's contacts take part in a step, and where they act."""
