@@ -38,7 +38,8 @@ def _leveled(gaps, heights, second=(0.0, 0.0, 1.0), *, move=BOTH, condim=3):
     """Return whether two points are moved, and their heights afterwards; the second one has the given normal."""
     pos, frame = np.array([[0.0, 0.0, heights[0]], [1.0, 0.0, heights[1]]]), np.zeros((2, 9))
     frame[0, :3], frame[1, :3] = (0.0, 0.0, 1.0), second
-    moved = mend_contacts(np.array(gaps), pos, frame, np.full(2, condim, np.int32), GEOMS, BODIES, WELD, move, PLANES)
+    dim, nowhere = np.full(2, condim, np.int32), (0, 0)  # distances of planes are never asked for
+    moved = mend_contacts(np.array(gaps), pos, frame, dim, GEOMS, BODIES, WELD, move, PLANES, nowhere)
     return moved, pos[:, 2].tolist()
 
 

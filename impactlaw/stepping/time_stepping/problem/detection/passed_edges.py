@@ -135,7 +135,7 @@ def pass_over(contacts, geometry, extent, jacobian, velocity, timestep, middle, 
             many += not hit[k]
     while many > 0 and share >= 0.5:
         _place(middle, qpos, velocity, share * timestep, at)
-        many = _hits(dist, geom, address, at, chosen, seen, doubtful, hit)
+        many = _hits(geom, address, at, chosen, seen, doubtful, hit)
         share *= 0.5
     for k in range(len(dist)):
         if _is_asked(k, address, doubtful, chosen, seen) and not hit[k]:
@@ -143,20 +143,19 @@ def pass_over(contacts, geometry, extent, jacobian, velocity, timestep, middle, 
 
 
 @plain
-def _hits(dist, geom, address, at, chosen, seen, doubtful, hit):
-    """Mark contacts whose bodies overlap in other data by more than now; return how many are not marked."""
+def _hits(geom, address, at, chosen, seen, doubtful, hit):
+    """Mark contacts whose bodies overlap in other data; return how many are not marked."""
     many, end, gap = 0, 0, 0.0
-    while end < len(dist):
-        first, least, asked = end, 0.0, False
-        while end < len(dist) and geom[end, 0] == geom[first, 0] and geom[end, 1] == geom[first, 1]:
-            least = min(least, dist[end])
+    while end < len(geom):
+        first, asked = end, False
+        while end < len(geom) and geom[end, 0] == geom[first, 0] and geom[end, 1] == geom[first, 1]:
             asked = asked or (not hit[end] and _is_asked(end, address, doubtful, chosen, seen))
             end += 1
         if asked:
             gap = mj.geom_distance(at[0], at[1], geom[first, 0], geom[first, 1], 0.0, 0)
         for k in range(first, end if asked else first):
             if _is_asked(k, address, doubtful, chosen, seen):
-                hit[k] = hit[k] or gap < least - _PASSED
+                hit[k] = hit[k] or gap < -_PASSED
                 many += not hit[k]
     return many
 
