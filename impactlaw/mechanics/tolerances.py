@@ -21,4 +21,3 @@ FLAT = 1e-9  # width below which the set has no extent in a direction
 SET_ROUNDING = 1e-15  # rounding of a length of one
 VANISHING = 1e-13  # rate of a constraint, relative to the move, up to which it is rounding
 ON_FACET = 1e-11  # coefficient of unit gradients, or offset of a facet, that is rounding
-PULL = 4e-15  # pull on a generator of a cone, relative to the point, that counts as 0
