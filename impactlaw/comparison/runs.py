@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -47,23 +47,26 @@ _BAD = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS"
 
 
 class _Trajectory:
-    """The states and energies that a run collects."""
+    """The states, energies and times of steps that a run collects."""
 
     def __init__(self, model: mujoco.MjModel):
         self._model, self._detector = model, Detector(model)
         self._states: list[tuple[Any, ...]] = []
-        self.deepest = 0.0
+        self._deepest = 0.0
+        self.spent: list[float] = []
 
     def add(self, data: mujoco.MjData) -> None:
-        self.deepest = min(self.deepest, deepest_gap(self._model, data, self._detector))
+        self._deepest = min(self._deepest, deepest_gap(self._model, data, self._detector))
         mujoco.mj_energyPos(self._model, data)
         mujoco.mj_energyVel(self._model, data)
         potential, kinetic = data.energy
         self._states.append((data.time, data.qvel.copy(), kinetic, potential))
 
-    def arrays(self) -> Iterator[np.ndarray]:
-        """Return times, velocities, kinetic and potential energies."""
-        return map(np.array, zip(*self._states, strict=True))
+    def run(self, name: str, **more: Any) -> Run:
+        """Return the results, with the mean time of a step without the slowest, which may have loaded compiled code."""
+        arrays, spent = map(np.array, zip(*self._states, strict=True)), self.spent
+        mean = (sum(spent) - max(spent)) / (len(spent) - 1) if len(spent) > 1 else sum(spent)
+        return Run(name, *arrays, deepest=self._deepest, seconds_per_step=mean, **more)
 
 
 def run_law(
@@ -85,7 +88,7 @@ def run_law(
     if recorder is not None:
         recorder.step(data)
     first: ImpactEvent | None = None
-    events, spent, refusal = 0, [], ""
+    events, refusal = 0, ""
     for _ in range(steps):
         begin = time.perf_counter()
         try:
@@ -93,7 +96,7 @@ def run_law(
         except _ENDS as error:
             refusal = str(error)
             break
-        spent.append(time.perf_counter() - begin)
+        trajectory.spent.append(time.perf_counter() - begin)
         if first is None and stepper.events:
             first = stepper.events[0]
         events += len(stepper.events)
@@ -101,18 +104,9 @@ def run_law(
         if recorder is not None:
             recorder.step(data, stepper.events)
         progress()
-    return Run(
-        name,
-        *trajectory.arrays(),
-        deepest=trajectory.deepest,
-        events=events,
-        unlocated=stepper.unlocated,
-        seconds_per_step=_mean(spent),
-        first=None if first is None else first.impact,
-        qpos=None if first is None else first.qpos,
-        refusal=refusal,
-        law=law_name(law),
-    )
+    impact, qpos = (None, None) if first is None else (first.impact, first.qpos)
+    told = {"events": events, "unlocated": stepper.unlocated, "refusal": refusal, "law": law_name(law)}
+    return trajectory.run(name, first=impact, qpos=qpos, **told)
 
 
 def run_soft(
@@ -130,7 +124,7 @@ def run_soft(
     The recording has the collisions of this run itself, see `SoftCollisions`. The run ends when MuJoCo finds numbers
     that are not finite, since MuJoCo would continue from the initial state of the scene.
     """
-    data, seen, spent, refusal = _copy(model, start), _copy(model, start), [], ""
+    data, seen, refusal = _copy(model, start), _copy(model, start), ""
     trajectory, collisions = _Trajectory(model), SoftCollisions(model)
     trajectory.add(seen)
     collisions.look(seen)
@@ -141,7 +135,7 @@ def run_soft(
         if data.warning.number[_BAD].any():
             refusal = "MuJoCo's simulation left the finite numbers; take a shorter timestep"
             break
-        spent.append(time.perf_counter() - begin)
+        trajectory.spent.append(time.perf_counter() - begin)
         _assign(model, data, seen)  # reading contacts must not disturb the solver
         trajectory.add(seen)
         recorder.step(seen, collisions.look(seen))
@@ -151,22 +145,7 @@ def run_soft(
         _assign(model, start, data)
         data.qpos[:] = reference.qpos
         first = soft_outcome(model, data, reference.first)
-    return Run(
-        name,
-        *trajectory.arrays(),
-        deepest=trajectory.deepest,
-        events=None,
-        unlocated=0,
-        seconds_per_step=_mean(spent),
-        first=first,
-        qpos=None,
-        refusal=refusal,
-    )
-
-
-def _mean(spent: list[float]) -> float:
-    """Return the mean time of a step, s, without the slowest step, which may have loaded compiled code."""
-    return (sum(spent) - max(spent)) / (len(spent) - 1) if len(spent) > 1 else sum(spent)
+    return trajectory.run(name, events=None, unlocated=0, first=first, qpos=None, refusal=refusal)
 
 
 def _copy(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
