@@ -37,32 +37,10 @@ if TYPE_CHECKING:
     from impactlaw.batch import Batch as Batch
 
 __all__ = [
-    "AdmissibleSet",
-    "AnyOutcome",
-    "Collision",
-    "Compliant",
-    "Contacts",
-    "Coulomb",
-    "Fremond",
-    "Friction",
-    "FrictionImpact",
-    "Impact",
-    "ImpactEvent",
-    "ImpactLawError",
-    "Law",
-    "LinearMap",
-    "MaximalDissipation",
-    "Moreau",
-    "Newton",
-    "Poisson",
-    "Routh",
-    "Scattered",
-    "Stepper",
-    "Violations",
-    "energy_gain",
-    "make_law",
-    "read_contacts",
-]
+    "AdmissibleSet", "AnyOutcome", "Collision", "Compliant", "Contacts", "Coulomb", "Fremond", "Friction",
+    "FrictionImpact", "Impact", "ImpactEvent", "ImpactLawError", "Law", "LinearMap", "MaximalDissipation", "Moreau",
+    "Newton", "Poisson", "Routh", "Scattered", "Stepper", "Violations", "energy_gain", "make_law", "read_contacts",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:

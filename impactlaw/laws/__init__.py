@@ -16,26 +16,7 @@ from impactlaw.laws.restitution.portable import portable, restored
 from impactlaw.laws.scattered import Scattered
 
 __all__ = [
-    "DESCRIPTIONS",
-    "LAWS",
-    "AnyOutcome",
-    "Compliant",
-    "Coulomb",
-    "Fremond",
-    "Law",
-    "LinearMap",
-    "MaximalDissipation",
-    "Moreau",
-    "Newton",
-    "Poisson",
-    "RestitutionLaw",
-    "Reversal",
-    "Routh",
-    "Scattered",
-    "Target",
-    "energy_gain",
-    "make_law",
-    "portable",
-    "restored",
-    "takes_restitution",
-]
+    "DESCRIPTIONS", "LAWS", "AnyOutcome", "Compliant", "Coulomb", "Fremond", "Law", "LinearMap", "MaximalDissipation",
+    "Moreau", "Newton", "Poisson", "RestitutionLaw", "Reversal", "Routh", "Scattered", "Target", "energy_gain",
+    "make_law", "portable", "restored", "takes_restitution",
+]  # fmt: skip

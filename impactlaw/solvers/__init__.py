@@ -15,19 +15,6 @@ from impactlaw.solvers.solve import (
 from impactlaw.solvers.tolerances import CERTIFIED
 
 __all__ = [
-    "CERTIFIED",
-    "SOLVERS",
-    "Answer",
-    "Problem",
-    "Solution",
-    "Solver",
-    "Status",
-    "beyond_rounding",
-    "check_solver",
-    "farkas_ray",
-    "load_solvers",
-    "nonnegative_combination",
-    "share",
-    "solve",
-    "solve_with_jump",
-]
+    "CERTIFIED", "SOLVERS", "Answer", "Problem", "Solution", "Solver", "Status", "beyond_rounding", "check_solver",
+    "farkas_ray", "load_solvers", "nonnegative_combination", "share", "solve", "solve_with_jump",
+]  # fmt: skip
