@@ -42,21 +42,8 @@ def put_law(
     raises its `PhysicsError`, as without the law. A copy of the environment, or of its physics, has the law too, but
     does not record; `placed_law` returns its handle.
 
-    Args:
-        env: the environment.
-        law: the law; for this and the following arguments see `ImpactLaw`.
-        restitution: argument of the law.
-        contact_model: "soft" or "rigid".
-        scheme: scheme of rigid contact: "time-stepping", the default, or "event-driven".
-        friction: friction of rigid contact and of soft collisions: "coulomb", the default, "convex" or "ignore".
-        rest_speed: closing speed, m/s, above which a contact collides.
-        on_inadmissible: "raise", "project" or "allow".
-        contacts: contacts between geoms to which the law applies; all if not given.
-        limits: whether the law also applies to limits of joints and tendons.
-        impulse_in_cfrc_ext: whether to add the impulses of the law to ``cfrc_ext`` after a step.
-        log: file in which to record every timestep, with episodes, and with the actions and rewards of steps taken
-            through this environment or through a wrapper that steps it.
-        log_every: record every log_every-th episode.
+    The arguments are those of `ImpactLaw`. A log also has actions and rewards of steps that are taken through this
+    environment, or through a wrapper that steps it.
 
     Raises:
         WrapperError: the environment is not one of dm_control, or has a law already.
