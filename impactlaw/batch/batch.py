@@ -60,8 +60,6 @@ class Batch:
         model: the scene from which the worlds were made. Later changes to it, such as to masses or gravity, do not
             reach the worlds: `expand` a field to change it.
         state: MuJoCo's state vectors, one row per world, (nsim, nstate), writable.
-        law: the law of each world; assigning to it calls `set_law`.
-        restitution: e of each world, (nsim,), writable; NaN where a law has several coefficients.
 
     Raises:
         SceneError: the scene or the law is not covered, the timestep is not positive, or a callback of MuJoCo is set.

@@ -92,16 +92,10 @@ class Stepper:
             does not and "auto" was given explicitly; "never" takes all steps in Python (time stepping, soft). Steps
             while a callback of MuJoCo is set, and soft steps of the integrator "discrete", are in Python, too.
 
+    `law` can be set; the other options can only be read.
+
     Attributes:
-        law: the law. It can be set; the new law takes effect with the next step. The other options can only be read.
-        events: the collisions of the last step, in order.
         plan: what a step does in this scene and what it leaves out (`impactlaw.stepping.plan`).
-        unlocated: number of steps so far that had more than max_events collisions, or were partly or wholly time
-            stepped.
-        shortfall: by how much a normal contact velocity of the last step missed the law (time stepping).
-        short_steps: number of steps so far in which the shortfall was too large, friction was not found or bodies came
-            to overlap (time stepping, and the parts of event-driven steps that it takes over), contacts lost their
-            restitution, or bodies jammed and were left to MuJoCo's contacts (soft).
 
     Raises:
         SceneError: the scene contains something that rigid stepping does not cover, its timestep is not positive, or
@@ -128,21 +122,9 @@ class Stepper:
     compiled = Settled(_ANEW)
     __slots__ = (
         *places("model", "plan", "contacts", "limits", *Options._fields),
-        *(
-            "_model",
-            "_law",
-            "_chosen",
-            "_plan_check",
-            "_signature",
-            "_way",
-            "_stepping",
-            "_is_soft",
-            "_at_once",
-            "_events",
-            "_warned",
-        ),
-        "__weakref__",
-    )
+        "_model", "_law", "_chosen", "_plan_check", "_signature", "_way", "_stepping", "_is_soft", "_at_once",
+        "_events", "_warned", "__weakref__",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -164,18 +146,10 @@ class Stepper:
         compiled: Literal["auto", "never"] | None = None,
     ):
         options = Options(
-            contact_model=contact_model,
-            scheme=scheme,
-            friction=friction,
-            overlap=overlap,
-            on_inadmissible=on_inadmissible,
-            on_unsolved=on_unsolved,
-            gap_tolerance=gap_tolerance,
-            rest_speed=rest_speed,
-            max_events=max_events,
-            solver=solver,
-            compiled=compiled,
-        )
+            contact_model=contact_model, scheme=scheme, friction=friction, overlap=overlap,
+            on_inadmissible=on_inadmissible, on_unsolved=on_unsolved, gap_tolerance=gap_tolerance,
+            rest_speed=rest_speed, max_events=max_events, solver=solver, compiled=compiled,
+        )  # fmt: skip
         options.check()
         check_model(model)
         check_timestep(model.opt.timestep)
