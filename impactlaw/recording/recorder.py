@@ -79,7 +79,7 @@ class Recorder:
         self._sizes = model.nq, model.nv
         properties = run_properties(model, law=law, restitution=restitution, scene=scene, seed=seed)
         groups = read_geometry(model)
-        self._frames = Frames(model, groups, BATCH)
+        self._frames = Frames(model, groups)
         arrow_scale = _ARROW_TIME / (model.stat.meanmass or 1.0)
         self._marks = EpisodeMarks()
         self._collisions = CollisionLog(model, properties["law"] or "", arrow_scale)
@@ -173,7 +173,7 @@ class Recorder:
             self._collisions.add(event, event.time + self._offset, episode=self._episode, step=file.step)
         self._frames.add(data, file.clock, contacts)
         file.step += 1
-        if self._frames.is_full:
+        if len(self._frames) == BATCH:
             self.flush()
 
     def flush(self) -> None:

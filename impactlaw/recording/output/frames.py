@@ -23,20 +23,15 @@ class Frames:
     ``mj_step``, MjData holds poses and inertia of the state before), and the simulation's data remain unchanged.
     """
 
-    def __init__(self, model: mujoco.MjModel, groups: list[Group], capacity: int):
+    def __init__(self, model: mujoco.MjModel, groups: list[Group]):
         self._model = model
         self._data = mujoco.MjData(model)
         self._moving = [group for group in groups if not group.fixed]
         self._bodies = np.concatenate([np.zeros(0, int), *(group.bodies for group in self._moving)]).astype(int)
-        self._capacity, self._rows = capacity, list[tuple[Any, ...]]()
+        self._rows: list[tuple[Any, ...]] = []
 
     def __len__(self) -> int:
         return len(self._rows)
-
-    @property
-    def is_full(self) -> bool:
-        """Whether the buffer has reached its capacity."""
-        return len(self._rows) == self._capacity
 
     def add(self, data: mujoco.MjData, clock: float, contacts: Contacts | None) -> None:
         """Add a frame; ``clock`` is its time on the timeline, s."""
