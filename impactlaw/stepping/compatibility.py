@@ -196,7 +196,7 @@ def check_law(model: mujoco.MjModel, law: Law, chosen: Chosen | None = None) -> 
 
 def _check_all_named(law: Law, known: tuple[str, ...]) -> None:
     """Refuse a law that lacks a contact of the scene, whose first collision would end the run."""
-    if not isinstance(law, ContactCoefficients) or (law.default is not None and not law.has_patterns):
+    if not isinstance(law, ContactCoefficients) or (law.default is not None and not law.patterns):
         return
     missing = sorted(canonical(label) for label in set(known) if law.named(label) is None)
     if missing:

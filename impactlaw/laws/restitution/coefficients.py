@@ -60,11 +60,6 @@ class ContactCoefficients(OfContacts):
     def __repr__(self) -> str:
         return f"{type(self).__name__}(restitution={_shown(self.restitution)}, default={_shown(self.default)})"
 
-    @property
-    def has_patterns(self) -> bool:
-        """Whether some keys of the mapping are patterns."""
-        return bool(self._patterns)
-
     def coefficients(self, collision: Collision) -> np.ndarray:
         """Return ``e_1 .. e_h`` for the contacts of this collision, shape (h,)."""
         labels, name = collision.labels, type(self).__name__

@@ -94,7 +94,8 @@ class OfContacts:
         return len(self._values) if isinstance(self._values, tuple) else None
 
     @cached_property
-    def _patterns(self) -> tuple[str, ...]:
+    def patterns(self) -> tuple[str, ...]:
+        """The keys that are patterns."""
         return tuple(filter(is_pattern, self._values)) if isinstance(self._values, dict) else ()
 
     def _of_contacts(self, labels: tuple[str, ...], what: str) -> list[Any]:
@@ -116,9 +117,9 @@ class OfContacts:
         found = table.get(canonical(label))
         if found is None and is_pattern(label):  # geom names may contain the characters of patterns
             found = next((table[form] for form in _forms(label) if form in table), None)
-        if found is not None or not self._patterns:
+        if found is not None or not self.patterns:
             return self.default if found is None else found
-        fitting = [key for key in self._patterns if matches(key, label)]
+        fitting = [key for key in self.patterns if matches(key, label)]
         for key in fitting[1:]:
             if table[key] != table[fitting[0]]:
                 raise RestitutionError(
