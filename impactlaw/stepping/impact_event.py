@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import cached_property, reduce
+from operator import add
 from typing import NamedTuple
 
 import numpy as np
@@ -63,14 +64,7 @@ class ImpactSums(NamedTuple):
 
     def with_more(self, other: ImpactSums) -> ImpactSums:
         """Return the sums over the collisions of both operands."""
-        return ImpactSums(
-            self.collisions + other.collisions,
-            self.energy_change + other.energy_change,
-            self.surface_work + other.surface_work,
-            self.intensity + other.intensity,
-            self.distant + other.distant,
-            self.inadmissible + other.inadmissible,
-        )
+        return ImpactSums(*map(add, self, other))
 
 
 NOTHING = ImpactSums()
