@@ -7,7 +7,6 @@ import importlib.metadata
 import json
 import threading
 import traceback
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -28,11 +27,8 @@ _ALONE = threading.Lock()  # one job at a time: torch's generator and thread lim
 _VERSIONS = {name: importlib.metadata.version(name) for name in ("impactlaw", "mujoco")}
 
 
-class _Keyed(ABC):
-    @property
-    @abstractmethod
-    def settings(self) -> dict[str, Any]:
-        """Everything that the result depends on, as plain values."""
+class _Keyed:
+    settings: Any
 
     @property
     def key(self) -> str:
