@@ -22,7 +22,7 @@ from impactlaw.mechanics.kinetic_metric import KineticMetric
 from impactlaw.scene.contacts import Contacts, mass_matrix
 from impactlaw.solvers.friction.problem import ENOUGH
 from impactlaw.solvers.problem import row_lengths
-from impactlaw.stepping.impact_event import ImpactEvent
+from impactlaw.stepping.impact_event import ImpactEvent, is_kept
 from impactlaw.stepping.work import Work
 
 _SAME_INERTIA = 1e-14  # relative difference of mass matrices that is rounding where bodies only turn
@@ -237,12 +237,6 @@ class _AsClosed(Law):
         opens, surface = np.maximum(collision.pre_contact_velocity, 0.0), collision.surface_velocity
         still = replace(collision, surface_velocity=-opens if surface is None else surface - opens)
         return Target(aim(self.law, still).contact_velocity)
-
-
-def is_kept(impact: Impact) -> bool:
-    """Return whether the impact keeps all restitution and its outcome is in S(v-)."""
-    scaled = isinstance(impact, FrictionImpact) and impact.restitution_scale < 1.0
-    return not scaled and impact.violations.is_admissible()
 
 
 def as_closed(law: Law) -> Law:

@@ -58,7 +58,7 @@ class ImpactSums(NamedTuple):
         for event in events:
             impact = event.impact
             distant, work = int(impact.has_distant_effect), impact.surface_work
-            inadmissible = int(event.projected or _is_inadmissible(impact))
+            inadmissible = int(event.projected or not is_kept(impact))
             total = total.with_more(cls(1, impact.energy_change, work, impact.intensity, distant, inadmissible))
         return total
 
@@ -71,10 +71,10 @@ NOTHING = ImpactSums()
 """The sums of a step without collisions."""
 
 
-def _is_inadmissible(impact: Impact) -> bool:
-    """Return whether the law's outcome left S(v-) and was scaled or let through."""
+def is_kept(impact: Impact) -> bool:
+    """Return whether the impact keeps all restitution and its outcome is in S(v-)."""
     scaled = isinstance(impact, FrictionImpact) and impact.restitution_scale < 1.0
-    return scaled or not impact.violations.is_admissible()
+    return not scaled and impact.violations.is_admissible()
 
 
 LazyEvents = tuple[ImpactEvent, ...] | Callable[[], tuple[ImpactEvent, ...]]
