@@ -118,11 +118,7 @@ def _is_choice(value: Any) -> bool:
 
 
 def _distribution(value: Any) -> Any:
-    """Return a restitution as an interval (low, high), a list of choices, a frozen distribution or None.
-
-    Raises:
-        OptionError: it is anything else, or reaches beyond [0, 1].
-    """
+    """Return a restitution in [0, 1] as an interval (low, high), a list of choices, a frozen distribution or None."""
     if isinstance(value, Mapping) and _UNIFORM in value:
         value = tuple(value[_UNIFORM])
     if isinstance(value, Mapping) and _SCIPY in value:

@@ -131,11 +131,7 @@ class PlacedLaw(LawInForce, ABC):
             delattr(target, self.method)
 
     def _set(self, **changes: Any) -> None:
-        """Change the standing options and those in force.
-
-        Raises:
-            WrapperError: the law was removed.
-        """
+        """Change the standing options and those in force, unless the law was removed."""
         if self._removed:
             raise WrapperError(
                 f"the law was removed, so that {' and '.join(changes)} would change nothing; put it on anew"

@@ -144,12 +144,7 @@ class LawsOfWorlds:
 
 
 def _check_options(options: Any) -> None:
-    """Check options of a batch.
-
-    Raises:
-        OptionError: the options are not a mapping.
-        UnknownNameError: there is no such option.
-    """
+    """Check that options of a batch are a mapping of `OF_BATCH`."""
     if not isinstance(options, Mapping):
         raise OptionError(f"batch_options is a mapping of {', '.join(OF_BATCH)} to values, got {options!r:.100}")
     for name in options:

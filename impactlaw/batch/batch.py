@@ -326,18 +326,11 @@ class Batch:
 
 
 def _options(contact_model: Any, friction: Any, on_inadmissible: Any, rest_speed: float | None) -> Options:
-    """Return the options of a stepper that takes the same steps as the worlds of a batch.
-
-    Raises:
-        UnknownNameError: an option has no such value.
-        OptionError: rest_speed is not a speed.
-        SceneError: an option has no meaning for the contact model.
-    """
+    """Return the options, checked, of a stepper that takes the same steps as the worlds of a batch."""
     soft = contact_model == "soft"
     options = Options(
-        contact_model=contact_model, scheme=None if soft else "time-stepping", friction=friction, overlap=None,
-        on_inadmissible=on_inadmissible or "project", on_unsolved=None, gap_tolerance=None, rest_speed=rest_speed,
-        max_events=None, solver=None, compiled="never" if soft else None,
+        contact_model=contact_model, scheme=None if soft else "time-stepping", friction=friction,
+        on_inadmissible=on_inadmissible or "project", rest_speed=rest_speed, compiled="never" if soft else None,
     )  # fmt: skip
     options.check()
     if soft and on_inadmissible is not None:

@@ -41,16 +41,16 @@ class Options(NamedTuple):
     """The options that a `Stepper` was given, see there; None if an option was not given."""
 
     contact_model: Literal["rigid", "soft"]
-    scheme: Literal["event-driven", "time-stepping"] | None
-    friction: Literal["coulomb", "convex", "ignore"] | None
-    overlap: Literal["refuse", "push-out"] | None
-    on_inadmissible: Literal["raise", "project", "allow"] | None
-    on_unsolved: Literal["time-stepping", "raise"] | None
-    gap_tolerance: float | None
-    rest_speed: float | None
-    max_events: int | None
-    solver: str | None
-    compiled: Literal["auto", "never"] | None
+    scheme: Literal["event-driven", "time-stepping"] | None = None
+    friction: Literal["coulomb", "convex", "ignore"] | None = None
+    overlap: Literal["refuse", "push-out"] | None = None
+    on_inadmissible: Literal["raise", "project", "allow"] | None = None
+    on_unsolved: Literal["time-stepping", "raise"] | None = None
+    gap_tolerance: float | None = None
+    rest_speed: float | None = None
+    max_events: int | None = None
+    solver: str | None = None
+    compiled: Literal["auto", "never"] | None = None
 
     @property
     def way(self) -> Literal["soft", "event-driven", "time-stepping"]:
