@@ -108,21 +108,12 @@ class Recording:
         dissipated energy. With friction, its work is included in the energy, and ``total_friction`` (N s) is the sum of
         the lengths of the sliding friction impulses.
         """
-        import pandas as pd
-
-        counts = [len(labels) for labels in self.collisions["contacts"]]
-        names = ("contacts", "impulse", "pre_contact_velocity", "post_contact_velocity")
-        labels, impulse, before, after = ([x for cell in self.collisions[name] for x in cell] for name in names)
-        impulse, before, after = (np.array(values, dtype=float) for values in (impulse, before, after))
-        table = pd.DataFrame(
-            {
-                "contacts": labels,
-                "index": np.repeat(self.collisions["index"].to_numpy(), counts),
-                "impulse": impulse,
-                "approach": np.maximum(-before, 0.0) + 0.0,
-                "energy": impulse * 0.5 * (before + after),
-            }
-        )
+        numbers = ["impulse", "pre_contact_velocity", "post_contact_velocity"]
+        table = self.collisions[["index", "contacts", *numbers]].explode(["contacts", *numbers])
+        table = table.dropna(subset="contacts").astype(dict.fromkeys(numbers, float))
+        before, after = table["pre_contact_velocity"], table["post_contact_velocity"]
+        table["approach"] = np.maximum(-before, 0.0) + 0.0
+        table["energy"] = table["impulse"] * 0.5 * (before + after)
         sums = {
             "collisions": ("index", "nunique"),
             "total_impulse": ("impulse", "sum"),
