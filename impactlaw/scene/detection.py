@@ -69,6 +69,7 @@ class Detector:
     Attributes:
         names: names of all geoms, as in contact labels.
         limits: the limits of joints and tendons.
+        patterns: properties that depend on the geoms alone.
         options: a context to be entered (``with``) around every use of `find`.
     """
 
@@ -82,13 +83,9 @@ class Detector:
         self._has_limits, self._limits_of_rows = bool(self.limits), self.limits.of_rows
         self.options = BorrowedOptions(model, convex=convex, limits=self._limits_of_rows, bilateral=self._has_bilateral)
         alone = not (self._has_limits or self._has_bilateral)
-        self._patterns = Patterns(model, self.names, self.limits.labels, faces=faces, friction=friction, alone=alone)
+        self.patterns = Patterns(model, self.names, self.limits.labels, faces=faces, friction=friction, alone=alone)
         nothing = np.zeros((0, 2), int)
-        self.empty = self._patterns.of(nothing), Contacts((), nothing, np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
-
-    def forget_patterns(self) -> None:
-        """Read properties of geoms, such as friction, from the model again."""
-        self._patterns.forget()
+        self.empty = self.patterns.of(nothing), Contacts((), nothing, np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
 
     def near(self, data: mujoco.MjData, within: float) -> Found:
         """Return the contacts with a gap of at most ``within``, m or rad.
@@ -121,7 +118,7 @@ class Detector:
             J = J[pattern.order]
         if limits is None:
             return Found(pattern, contacts, J, bilateral, stiff)
-        pattern = self._patterns.with_limits(pattern, limits.code)
+        pattern = self.patterns.with_limits(pattern, limits.code)
         position, normal = self.limits.places(data, limits.code)
         if contacts:
             position, normal = np.vstack([contacts.position, position]), np.vstack([contacts.normal, normal])
@@ -149,7 +146,7 @@ class Detector:
             pattern, several = self._read(data)
             contacts = _complete(several, nearest)
             if len(contacts) > len(several):
-                pattern = self._patterns.of(contacts.geoms.astype(np.int32))
+                pattern = self.patterns.of(contacts.geoms.astype(np.int32))
         if pattern.skin is not None:
             contacts = replace(contacts, gap=contacts.gap - pattern.skin)
         return pattern, contacts
@@ -198,7 +195,7 @@ class Detector:
 
     def _read(self, data: mujoco.MjData) -> tuple[Pattern, Contacts]:
         found = data.contact
-        pattern = self._patterns.of(found.geom)
+        pattern = self.patterns.of(found.geom)
         order = pattern.order
         if order is None:
             gap, position, normal = found.dist.copy(), found.pos.copy(), found.frame[:, :3].copy()

@@ -51,7 +51,8 @@ class Configuration:
     def comply(self, stiffness: np.ndarray | None) -> None:
         """Replace M by ``M + J_eq^T D J_eq``: equality constraints respond to contact and give way, as MuJoCo's do.
 
-        If they were rigid here, a constraint that is being violated would do work on all bodies that it joins.
+        If they were rigid here, a constraint that is being violated would do work on all bodies that it joins. The
+        factors of M are discarded: reading the constraints has overwritten them.
 
         Args:
             stiffness: ``J_eq^T D J_eq``, (nv, nv); None for M alone.
@@ -89,10 +90,6 @@ class Configuration:
         self._find_added()
         added = None if self._damping is None else timestep * self._damping
         return locked_joints(self.model, added, ratio) is not None
-
-    def refactor(self) -> None:
-        """Discard the factors of M, which were overwritten."""
-        self._factored = False
 
     def save(self, state: np.ndarray | None = None) -> np.ndarray:
         """Return everything that the integrator starts from, in the given array if there is one."""

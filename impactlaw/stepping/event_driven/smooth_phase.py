@@ -81,7 +81,7 @@ class SmoothPhases:
 
     def learn_friction(self) -> None:
         """Read the friction of the model again."""
-        self._detector.forget_patterns()
+        self._detector.patterns.forget()
 
     def advance(self, duration: float, force: np.ndarray | None = None) -> None:
         """Integrate for ``duration`` s without contacts, or with their force applied, (nv,)."""
@@ -110,8 +110,6 @@ class SmoothPhases:
         """Return all current contacts with a gap up to ``within``, m or rad, and possibly others."""
         self.configuration.refresh()
         found = self._detector.look(self.configuration.data, within)
-        if found.bilateral is not None:  # the equality constraints were read with the factors of M alone
-            self.configuration.refactor()
         self.configuration.comply(found.stiffness)
         return ContactSet(found, self.configuration)
 

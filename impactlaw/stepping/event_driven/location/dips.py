@@ -20,7 +20,7 @@ from impactlaw.scene.patterns import Pattern
 from impactlaw.scene.tolerances import SKIN
 from impactlaw.stepping.event_driven.configuration import Configuration
 from impactlaw.stepping.event_driven.contact_set import ContactSet
-from impactlaw.stepping.event_driven.contact_state import ContactState, PhaseEnd
+from impactlaw.stepping.event_driven.contact_state import ContactState
 from impactlaw.stepping.event_driven.location.travel import Frames, Travel
 from impactlaw.stepping.event_driven.location.trial_step import TrialStep
 from impactlaw.stepping.event_driven.matching import match
@@ -223,7 +223,8 @@ class Dips:
         known = phase_end.known if found is phase_end.contact_set else match(found, phase)
         if len(phase.start.closed):
             opens &= ~((known >= 0) & phase.start.closed[known])
-        opens &= ~(found.pattern.vague & np.isin(found.pattern.key, _held(phase_end)))
+        held = phase_end.now.pattern.key[phase_end.sustained]
+        opens &= ~(found.pattern.vague & np.isin(found.pattern.key, held))
         if not np.count_nonzero(opens):
             return {}
         slope = self._slopes(found, phase.start.velocity)
@@ -280,11 +281,6 @@ class Dips:
         if self._configuration.surfaces is not None:
             reach += 2.0 * self._drift(duration)
         return min(reach, self._extent)
-
-
-def _held(phase_end: PhaseEnd) -> np.ndarray:
-    """Return the keys of pairs with a contact that stays closed, int."""
-    return phase_end.now.pattern.key[phase_end.sustained]
 
 
 def _find_negative(
