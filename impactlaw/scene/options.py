@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import TracebackType
-
 import mujoco
 
 from impactlaw.scene.tolerances import CCD_TOLERANCE
@@ -66,9 +64,7 @@ class BorrowedOptions:
             opt.ccd_iterations = max(opt.ccd_iterations, _CCD_ITERATIONS)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         opt = self._opt
         opt.timestep = self.timestep
         opt.disableflags, opt.enableflags, opt.o_margin = self._kept
