@@ -28,13 +28,7 @@ _LONGEST = 200  # characters of a law's text in info, which is sent between proc
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LawOptions:
-    """The options of environments, `ImpactLaw` and `put_law`; see there.
-
-    Attributes:
-        usual_scheme: scheme of rigid contact if none is given.
-        overlap: option of `Stepper`, used if contact is rigid.
-        seed: seed of this episode, for a law that draws its outcomes and has no seed of its own.
-    """
+    """The options of environments, `ImpactLaw` and `put_law`; see there."""
 
     law: str | Law | Mapping[str, Any]
     restitution: Any = None
@@ -43,12 +37,12 @@ class LawOptions:
     friction: Literal["coulomb", "convex", "ignore"] | None = None
     rest_speed: float | None = None
     on_inadmissible: Literal["raise", "project", "allow"] = "project"
-    usual_scheme: Literal["event-driven", "time-stepping"] = "time-stepping"
-    overlap: Literal["refuse", "push-out"] | None = "push-out"
+    usual_scheme: Literal["event-driven", "time-stepping"] = "time-stepping"  # scheme of rigid contact if none is given
+    overlap: Literal["refuse", "push-out"] | None = "push-out"  # option of `Stepper`, used if contact is rigid
     contacts: str | Sequence[str] | None = None
     limits: bool = True
     impulse_in_cfrc_ext: bool = False
-    seed: int | None = None
+    seed: int | None = None  # seed of this episode, for a law that draws its outcomes and has no seed of its own
 
     @property
     def scheme_in_force(self) -> Literal["event-driven", "time-stepping"] | None:

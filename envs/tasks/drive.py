@@ -14,15 +14,10 @@ _MANY: tuple[Any, ...] = np.minimum, np.maximum, np.sqrt
 
 @dataclass(frozen=True)
 class Drive:
-    """A drive that follows a commanded acceleration, and brakes in time before the ends of its stroke.
+    """A drive that follows a commanded acceleration, and brakes in time before the ends of its stroke."""
 
-    Attributes:
-        stroke: largest position on either side of 0, m or rad.
-        acceleration: largest acceleration, m/s^2 or rad/s^2.
-    """
-
-    stroke: float
-    acceleration: float
+    stroke: float  # largest position on either side of 0, m or rad
+    acceleration: float  # largest acceleration, m/s^2 or rad/s^2
 
     def advance(self, place: Any, speed: Any, part: Any, timestep: float) -> tuple[Any, Any]:
         """Return position and velocity after a timestep of constant acceleration, of one drive or of arrays of drives.

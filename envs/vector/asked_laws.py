@@ -15,15 +15,10 @@ from impactlaw.laws import Law
 
 
 class Asked(NamedTuple):
-    """The law of a world, and the argument by which it was given.
+    """The law of a world, and the argument by which it was given."""
 
-    Attributes:
-        given: a law, which has its own restitution, or the name of a law, to which a restitution can be given.
-        law: the law.
-    """
-
-    given: Any
-    law: Law
+    given: Any  # a law, which has its own restitution, or the name of a law, to which a restitution can be given
+    law: Law  # the law
 
     def other(self, model: mujoco.MjModel, options: Mapping[str, Any]) -> Asked:
         """Return the law given by options "law" and "restitution", or by one of them.

@@ -13,37 +13,22 @@ from impactlaw.errors import WorldsFailedError
 
 
 class Outcome(NamedTuple):
-    """The outcome of one environment step in n worlds.
+    """The outcome of one environment step in n worlds."""
 
-    Attributes:
-        reward: rewards, (n,).
-        terminated: whether the episodes terminate, bool (n,).
-        diverged: whether the simulation diverged, bool (n,); these worlds are in the state before the step.
-        info: further entries of ``info``, (n, ..) each.
-    """
-
-    reward: np.ndarray
-    terminated: np.ndarray
-    diverged: np.ndarray
-    info: dict[str, np.ndarray]
+    reward: np.ndarray  # rewards, (n,)
+    terminated: np.ndarray  # whether the episodes terminate, bool (n,)
+    diverged: np.ndarray  # whether the simulation diverged, bool (n,); these worlds are in the state before the step
+    info: dict[str, np.ndarray]  # further entries of ``info``, (n, ..) each
 
 
 class Task(Protocol):
-    """A task in many worlds.
+    """A task in many worlds."""
 
-    Attributes:
-        model: the model of all worlds.
-        keyframe: keyframe to which the batch resets a world; -1 for the initial state of the model.
-        observation_space: observation space of one world.
-        action_space: action space of one world.
-        frame_skip: timesteps per step.
-    """
-
-    model: mujoco.MjModel
-    keyframe: int
-    observation_space: spaces.Box
-    action_space: spaces.Box
-    frame_skip: int
+    model: mujoco.MjModel  # the model of all worlds
+    keyframe: int  # keyframe to which the batch resets a world; -1 for the initial state of the model
+    observation_space: spaces.Box  # observation space of one world
+    action_space: spaces.Box  # action space of one world
+    frame_skip: int  # timesteps per step
 
     def bind(self, batch: Batch) -> None:
         """Bind the task to the worlds of a batch."""

@@ -40,21 +40,13 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """All results for one file.
+    """All results for one file."""
 
-    Attributes:
-        measured: the collisions read, of the chosen set of contacts.
-        audit: the audit of these collisions.
-        rows: one row for each family.
-        best: the row with the least error on unseen collisions; among equally good ones that with fewest parameters.
-        folds: number of parts into which the collisions were split for these errors.
-    """
-
-    measured: Collisions
-    audit: Audit
-    rows: tuple[Row, ...]
-    best: Row
-    folds: int
+    measured: Collisions  # the collisions read, of the chosen set of contacts
+    audit: Audit  # the audit of these collisions
+    rows: tuple[Row, ...]  # one row for each family
+    best: Row  # the row with the least error on unseen collisions; among equally good ones that with fewest parameters
+    folds: int  # number of parts into which the collisions were split for these errors
 
 
 def study(

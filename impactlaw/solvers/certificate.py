@@ -18,19 +18,13 @@ LARGEST_POLISHED = 250_000
 
 
 class Answer(NamedTuple):
-    """An impulse with its velocity jump, and their distance from satisfying the law.
+    """An impulse with its velocity jump, and their distance from satisfying the law."""
 
-    Attributes:
-        impulse: ``Lambda``, shape (h,).
-        jump: ``z``, shape (nv,): ``Y^T Lambda``, up to rounding errors of impulses that nearly cancel.
-        slack: ``(Y z - c) / |Y_i|``, shape (h,), sqrt(J).
-        residual: the larger of the length of the natural map ``min(Lambda_i |Y_i|, slack_i)`` and the part of
-            ``|z - Y^T Lambda|`` that exceeds this rounding, sqrt(J).
-    """
-
-    impulse: np.ndarray
-    jump: np.ndarray
-    slack: np.ndarray
+    impulse: np.ndarray  # ``Lambda``, shape (h,)
+    jump: np.ndarray  # ``z``, shape (nv,): ``Y^T Lambda``, up to rounding errors of impulses that nearly cancel
+    slack: np.ndarray  # ``(Y z - c) / |Y_i|``, shape (h,), sqrt(J)
+    # the larger of the length of the natural map ``min(Lambda_i |Y_i|, slack_i)`` and the part of ``|z - Y^T Lambda|``
+    # that exceeds this rounding, sqrt(J)
     residual: float
 
 

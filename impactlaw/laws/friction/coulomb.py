@@ -135,14 +135,10 @@ def _checked(impact: FrictionImpact) -> FrictionImpact:
 
 @dataclass(eq=False)
 class _Aimed(Attempt):
-    """An attempt to reach the contact velocities `wanted` by a law, and ``-e gamma_t-`` along the tangents.
+    """An attempt to reach the contact velocities `wanted` by a law, and ``-e gamma_t-`` along the tangents."""
 
-    Attributes:
-        e: tangential restitution.
-        shares: whether contacts share impulses even if these are unique: so do parts of redundant contacts.
-    """
-
-    e: float = field(kw_only=True)
+    e: float = field(kw_only=True)  # tangential restitution
+    # whether contacts share impulses even if these are unique: so do parts of redundant contacts
     shares: bool = field(default=False, kw_only=True)
 
     def part(self, contacts: np.ndarray, collision: Collision | None = None) -> Attempt:

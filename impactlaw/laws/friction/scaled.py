@@ -28,27 +28,18 @@ class Outcome(NamedTuple):
 
 @dataclass(eq=False)
 class Attempt(ABC):
-    """A law with friction applied to a collision, with its restitution scaled by a number s in [0, 1].
+    """A law with friction applied to a collision, with its restitution scaled by a number s in [0, 1]."""
 
-    Attributes:
-        law: the law along the normals.
-        collision: the contacts, with rows of friction.
-        wanted: a measure of the restitution of each contact, shape (h,), as subclasses define it; positive where the
-            contact has restitution.
-        exact: whether friction is exact Coulomb friction, or else its convex relaxation.
-        effort: limits the work; None is no limit.
-        solver: name of the solver for the collision without friction.
-        whole: the collision of which these contacts are a part.
-        problem: a cone problem of these contacts, if one has been made.
-    """
-
-    law: Law
-    collision: Collision
+    law: Law  # the law along the normals
+    collision: Collision  # the contacts, with rows of friction
+    # a measure of the restitution of each contact, shape (h,), as subclasses define it; positive where the contact has
+    # restitution
     wanted: np.ndarray
-    exact: bool = field(kw_only=True)
-    effort: Effort | None = field(kw_only=True)
-    solver: str = field(kw_only=True)
-    whole: Collision = field(kw_only=True)
+    exact: bool = field(kw_only=True)  # whether friction is exact Coulomb friction, or else its convex relaxation
+    effort: Effort | None = field(kw_only=True)  # limits the work; None is no limit
+    solver: str = field(kw_only=True)  # name of the solver for the collision without friction
+    whole: Collision = field(kw_only=True)  # the collision of which these contacts are a part
+    # a cone problem of these contacts, if one has been made
     problem: ConeProblem | None = field(default=None, init=False)
 
     @abstractmethod

@@ -13,35 +13,20 @@ _SHARE = 1e-3  # least scale of an island, relative to the largest
 
 
 class Problem(NamedTuple):
-    """A problem by its rows; see `structure`.
+    """A problem by its rows; see `structure`."""
 
-    Attributes:
-        rownnz: number of entries of each row of Y, (n,).
-        rowadr: first entry of each row, (n,).
-        colind: columns of the entries.
-        value: the entries; Y is whitened, so that the kinetic metric is Euclidean.
-        tree: kinematic tree of each degree of freedom, (nv,).
-        first: first row of each group, (g,).
-        size: number of rows of each group, (g,).
-        kind: `BILATERAL`, `BOX` or `CONE`, (g,).
-        bound: bound of box rows, (g,).
-        compliance: added to the diagonal of ``Y Y^T``, (n,).
-        b: offset of the velocity, (n,).
-        exact: whether friction is exact Coulomb friction or its convex relaxation.
-    """
-
-    rownnz: Array
-    rowadr: Array
-    colind: Array
-    value: Array
-    tree: Array
-    first: Array
-    size: Array
-    kind: Array
-    bound: Array
-    compliance: Array
-    b: Array
-    exact: bool
+    rownnz: Array  # number of entries of each row of Y, (n,)
+    rowadr: Array  # first entry of each row, (n,)
+    colind: Array  # columns of the entries
+    value: Array  # the entries; Y is whitened, so that the kinetic metric is Euclidean
+    tree: Array  # kinematic tree of each degree of freedom, (nv,)
+    first: Array  # first row of each group, (g,)
+    size: Array  # number of rows of each group, (g,)
+    kind: Array  # `BILATERAL`, `BOX` or `CONE`, (g,)
+    bound: Array  # bound of box rows, (g,)
+    compliance: Array  # added to the diagonal of ``Y Y^T``, (n,)
+    b: Array  # offset of the velocity, (n,)
+    exact: bool  # whether friction is exact Coulomb friction or its convex relaxation
 
 
 _INTS: Any = types.int32[::1]

@@ -23,49 +23,27 @@ from impactlaw.solvers.cones.algebra.loops import (
 
 
 class Blocks(NamedTuple):
-    """The storage of the blocks of H and of its factors, in order of elimination.
+    """The storage of the blocks of H and of its factors, in order of elimination."""
 
-    Attributes:
-        width: number of degrees of freedom of each block, (nb,).
-        offset: first degree of freedom of each block, (nb,).
-        diagonal: storage of each diagonal block, (nb,).
-        upper: storage of the strip to the right of each diagonal block, width x span, (nb,).
-        lower: storage of the strip below each diagonal block, span x width, (nb,).
-        span: width of the strips, (nb,).
-        begin: first entry of each block in `later`, (nb + 1,).
-        later: the blocks of the strips.
-        pair: first pair of each block in `target` and `stride`, (nb + 1,).
-        target: storage of the block that each pair of strip blocks updates.
-        stride: row stride of that block.
-        first: first pair of each group in `place` and `pitch`, (g + 1,).
-        many: number of blocks that each group involves, (g,).
-        slot: index of each column's block among the blocks of its group, in the order of `Island.cols`.
-        inner: index of each column inside its block, unsigned, in the order of `Island.cols`.
-        place: storage of the block of each pair of blocks of a group.
-        pitch: row stride of that block.
-        size: length of the storage.
-        flops: estimated operations of one factorization.
-    """
-
-    width: Array
-    offset: Array
-    diagonal: Array
-    upper: Array
-    lower: Array
-    span: Array
-    begin: Array
-    later: Array
-    pair: Array
-    target: Array
-    stride: Array
-    first: Array
-    many: Array
-    slot: Array
-    inner: Array
-    place: Array
-    pitch: Array
-    size: int
-    flops: float
+    width: Array  # number of degrees of freedom of each block, (nb,)
+    offset: Array  # first degree of freedom of each block, (nb,)
+    diagonal: Array  # storage of each diagonal block, (nb,)
+    upper: Array  # storage of the strip to the right of each diagonal block, width x span, (nb,)
+    lower: Array  # storage of the strip below each diagonal block, span x width, (nb,)
+    span: Array  # width of the strips, (nb,)
+    begin: Array  # first entry of each block in `later`, (nb + 1,)
+    later: Array  # the blocks of the strips
+    pair: Array  # first pair of each block in `target` and `stride`, (nb + 1,)
+    target: Array  # storage of the block that each pair of strip blocks updates
+    stride: Array  # row stride of that block
+    first: Array  # first pair of each group in `place` and `pitch`, (g + 1,)
+    many: Array  # number of blocks that each group involves, (g,)
+    slot: Array  # index of each column's block among the blocks of its group, in the order of `Island.cols`
+    inner: Array  # index of each column inside its block, unsigned, in the order of `Island.cols`
+    place: Array  # storage of the block of each pair of blocks of a group
+    pitch: Array  # row stride of that block
+    size: int  # length of the storage
+    flops: float  # estimated operations of one factorization
 
 
 BLOCKS: Any = types.NamedTuple([INTEGERS] * 14 + [UNSIGNED, INTEGERS, INTEGERS, types.int64, types.float64], Blocks)

@@ -29,35 +29,20 @@ BILATERAL, BOX, CONE = 0, 1, 2
 
 
 class Island(NamedTuple):
-    """The problem of one island.
+    """The problem of one island."""
 
-    Attributes:
-        start: first row of each group, and the number of rows n, (g + 1,).
-        kind: kind of each group, (g,).
-        bound: half width of the interval of a box row, (g,).
-        c: compliance, (n,).
-        b: offset of the velocity, (n,).
-        begin: first column of each group in `cols`, (g + 1,).
-        cols: degrees of freedom of the columns of each group, in the order of elimination; unsigned.
-        entry: start of the block of each group in `A`, (g + 1,).
-        A: blocks of the groups, row by row.
-        square: start of the m x m matrix of each group in an array that holds these one after another, (g + 1,).
-        nv: number of degrees of freedom.
-        exact: whether friction is exact Coulomb friction after de Saxcé, or its convex relaxation.
-    """
-
-    start: Array
-    kind: Array
-    bound: Array
-    c: Array
-    b: Array
-    begin: Array
-    cols: Array
-    entry: Array
-    A: Array
-    square: Array
-    nv: int
-    exact: bool
+    start: Array  # first row of each group, and the number of rows n, (g + 1,)
+    kind: Array  # kind of each group, (g,)
+    bound: Array  # half width of the interval of a box row, (g,)
+    c: Array  # compliance, (n,)
+    b: Array  # offset of the velocity, (n,)
+    begin: Array  # first column of each group in `cols`, (g + 1,)
+    cols: Array  # degrees of freedom of the columns of each group, in the order of elimination; unsigned
+    entry: Array  # start of the block of each group in `A`, (g + 1,)
+    A: Array  # blocks of the groups, row by row
+    square: Array  # start of the m x m matrix of each group in an array that holds these one after another, (g + 1,)
+    nv: int  # number of degrees of freedom
+    exact: bool  # whether friction is exact Coulomb friction after de Saxcé, or its convex relaxation
 
 
 ISLAND: Any = types.NamedTuple(
