@@ -1,22 +1,18 @@
 """Record collisions: for each one a row of the table, a line in the log and a mark in the scene."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mujoco
 import numpy as np
 
+from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.recording import layout
 from impactlaw.recording.layout import COLLISION_COLUMNS, Column, time_columns
 from impactlaw.scene.friction_rows import friction_on_contacts
-
-if TYPE_CHECKING:
-    from impactlaw.mechanics.collision import Collision
-    from impactlaw.stepping.impact_event import ImpactEvent
+from impactlaw.stepping.impact_event import ImpactEvent
 
 MARK_TIME = 0.05
 """How long the mark of a collision is shown, in s of simulation time, unless another mark replaces it."""

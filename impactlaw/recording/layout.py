@@ -1,14 +1,9 @@
 """The layout of a recording file, shared by writer and reader: names and types of its entities and columns."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-
-if TYPE_CHECKING:
-    import pyarrow
 
 APPLICATION = "impactlaw"
 FORMAT = 1
@@ -68,7 +63,7 @@ EXTRA_DEFAULTS: dict[str, float | int] = {
 }  # fmt: skip
 
 
-def cell_type(kind: str) -> pyarrow.DataType:
+def cell_type(kind: str) -> Any:
     """Return the arrow type of one value in a cell of a kind, such as "float" or "floats"."""
     import pyarrow as pa
 

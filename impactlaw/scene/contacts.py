@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import TYPE_CHECKING
@@ -25,8 +26,6 @@ from impactlaw.scene.tolerances import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from impactlaw.scene.corrected_contacts import StandingCylinders
 
 _FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL)

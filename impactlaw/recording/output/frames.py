@@ -1,19 +1,14 @@
 """Record frames: states, body poses, energies and closed contacts, one row per step."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from impactlaw.recording.geometry import Group
 from impactlaw.recording.layout import CONTACTS, ENERGY, FRAME_TIME, FRAMES, QPOS, QVEL, STATE, Column, time_columns
-from impactlaw.scene.contacts import update_positions
+from impactlaw.scene.contacts import Contacts, update_positions
 from impactlaw.scene.tolerances import GAP_TOLERANCE
-
-if TYPE_CHECKING:
-    from impactlaw.scene.contacts import Contacts
 
 
 class Frames:
