@@ -109,8 +109,8 @@ class Recording:
         the lengths of the sliding friction impulses.
         """
         numbers = ["impulse", "pre_contact_velocity", "post_contact_velocity"]
-        table = self.collisions[["index", "contacts", *numbers]].explode(["contacts", *numbers])
-        table = table.dropna(subset="contacts").astype(dict.fromkeys(numbers, float))
+        table = self.collisions.explode(["contacts", *numbers]).dropna(subset="contacts")
+        table = table.astype(dict.fromkeys(numbers, float))
         before, after = table["pre_contact_velocity"], table["post_contact_velocity"]
         table["approach"] = np.maximum(-before, 0.0) + 0.0
         table["energy"] = table["impulse"] * 0.5 * (before + after)

@@ -64,7 +64,7 @@ class ImpactSums(NamedTuple):
 
     def with_more(self, other: ImpactSums) -> ImpactSums:
         """Return the sums over the collisions of both operands."""
-        return ImpactSums(*map(add, self, other))
+        return self._make(map(add, self, other))
 
 
 NOTHING = ImpactSums()
