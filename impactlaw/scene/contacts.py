@@ -12,6 +12,7 @@ import numpy as np
 
 from impactlaw.errors import SceneError
 from impactlaw.scene.tolerances import (
+    APART,
     ASKEW,
     ASKEW_MEASURED,
     ASKEW_SPHERE,
@@ -172,7 +173,7 @@ def _depth(model: mujoco.MjModel, data: mujoco.MjData, geom: int, other: int, sh
     """Return how deep a geom overlaps another one after a shift, (3,), m."""
     place = data.geom_xpos[geom].copy()
     data.geom_xpos[geom] += shift
-    gap = mujoco.mj_geomDistance(model, data, geom, other, 0.0, None)
+    gap = mujoco.mj_geomDistance(model, data, geom, other, APART, None)
     data.geom_xpos[geom] = place
     return -gap
 

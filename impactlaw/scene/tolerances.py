@@ -18,6 +18,10 @@ ROUNDED = 1e-13  # m: largest error of a distance that is left as it is
 TOUCHING = 1e-6  # m: gap up to which a contact can hide others behind its plane
 FLUSH = 2e-6  # m: distance from that plane up to which geoms do not cross it
 SUNK = 1.25  # depth of a tilted body, relative to that of its contact points, up to which it has sunk no deeper
+APART = 1e-5
+"""Distance, m, up to which MuJoCo is at least asked to measure. If it is asked for overlaps only, it takes cylinders
+that touch for cylinders that overlap by a third of their size.
+"""
 PROBE = 1e-4  # m: how far a body is moved into a contact along the floor, beyond its gap, to see whether it gets deeper
 SUNK_MEASURED = 3.0  # the same where the body is moved to see whether it gets deeper
 ASKEW, ASKEW_SPHERE = 0.5, 1.0 - 1e-6  # cosine of the angle to its normal up to which it hides contacts

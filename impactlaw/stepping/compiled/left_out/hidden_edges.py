@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.scene.tolerances import (
+    APART,
     ASKEW,
     ASKEW_MEASURED,
     ASKEW_SPHERE,
@@ -137,6 +138,6 @@ def _depth_along(mover, ahead, way, side, along, normal, floor, place, at):
     x, y, z = place[mover, 0], place[mover, 1], place[mover, 2]
     for i in range(3):
         place[mover, i] += way * (along * floor[i] - side * normal[i])
-    depth = -mj.geom_distance(at[0], at[1], mover, ahead, 0.0, 0)
+    depth = -mj.geom_distance(at[0], at[1], mover, ahead, APART, 0)
     place[mover, 0], place[mover, 1], place[mover, 2] = x, y, z
     return depth

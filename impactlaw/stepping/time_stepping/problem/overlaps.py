@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.compiled import compiled
+from impactlaw.scene.tolerances import APART
 from impactlaw.solvers.cones import BILATERAL, CONE
 from impactlaw.solvers.cones.algebra.loops import clear, numbers, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
@@ -54,7 +55,7 @@ def begins_deep(rows, known_key, timestep, mocap, geometry, start, qpos, at):
             put(qpos, start)
             mj.kinematics(at[0], at[1])
             placed = True
-        if mj.geom_distance(at[0], at[1], one, other, 0.0, 0) < -COUNTED:
+        if mj.geom_distance(at[0], at[1], one, other, APART, 0) < -COUNTED:
             return True
     return False
 

@@ -20,6 +20,7 @@ import numpy as np
 
 from impactlaw.compiled import compiled
 from impactlaw.scene.corrected_contacts import make_orthogonal
+from impactlaw.scene.tolerances import APART
 from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.fields import address_of, keep
@@ -119,7 +120,7 @@ def add_nearest(dist, pos, frame, geom, shape, margin, at):
         if not _can_miss(shape[one], shape[other], end - first, most - least):
             continue
         bound = min(least - _MISSED, 0.5 * (margin[one] + margin[other]))
-        gap = mj.geom_distance(at[0], at[1], one, other, bound, address_of(segment))
+        gap = mj.geom_distance(at[0], at[1], one, other, max(bound, APART), address_of(segment))
         if gap < bound:
             some = True
             _replace(first, end, gap, segment, dist, pos, frame)

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.compiled import compiled
-from impactlaw.scene.tolerances import TOUCHING
+from impactlaw.scene.tolerances import APART, TOUCHING
 from impactlaw.solvers.cones.algebra.loops import cleared, integers, kernel, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.dense import sparse_jacobian
@@ -152,7 +152,7 @@ def _hits(geom, address, at, chosen, seen, doubtful, hit):
             asked = asked or (not hit[end] and _is_asked(end, address, doubtful, chosen, seen))
             end += 1
         if asked:
-            gap = mj.geom_distance(at[0], at[1], geom[first, 0], geom[first, 1], 0.0, 0)
+            gap = mj.geom_distance(at[0], at[1], geom[first, 0], geom[first, 1], APART, 0)
         for k in range(first, end if asked else first):
             if _is_asked(k, address, doubtful, chosen, seen):
                 hit[k] = hit[k] or gap < -_PASSED
