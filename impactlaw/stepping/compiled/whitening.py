@@ -13,21 +13,13 @@ _ROUNDING = 1e-12  # smallest entries of J, m or m/rad: limbs that overlap at th
 
 
 class Inertia(NamedTuple):
-    """A mass matrix ``M = L^T D L`` in MuJoCo's layout.
+    """A mass matrix ``M = L^T D L`` in MuJoCo's layout."""
 
-    Attributes:
-        factor: L, strictly lower part of rows as in MuJoCo's M.
-        inverse: ``1 / D``, (nv,).
-        nnz: number of entries of each row of M, (nv,).
-        adr: index of the first entry of each row, (nv,).
-        col: column of each entry, the diagonal last.
-    """
-
-    factor: Array
-    inverse: Array
-    nnz: Array
-    adr: Array
-    col: Array
+    factor: Array  # L, strictly lower part of rows as in MuJoCo's M
+    inverse: Array  # ``1 / D``, (nv,)
+    nnz: Array  # number of entries of each row of M, (nv,)
+    adr: Array  # index of the first entry of each row, (nv,)
+    col: Array  # column of each entry, the diagonal last
 
 
 INERTIA = types.NamedTuple([FLOATS, FLOATS, *[types.int32[::1]] * 3], Inertia)

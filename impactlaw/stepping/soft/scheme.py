@@ -50,7 +50,6 @@ from impactlaw.stepping.soft.stages import Stages, find_forces
 
 _RK4, _EULER, _DISCRETE = (int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("RK4", "EULER", "DISCRETE"))
 _ENERGY, _COMPARE = int(mujoco.mjtEnableBit.mjENBL_ENERGY), int(mujoco.mjtEnableBit.mjENBL_FWDINV)
-_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 _NO_RESET = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
 _NO_ACTUATION = int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)

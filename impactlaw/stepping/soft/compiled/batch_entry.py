@@ -18,47 +18,29 @@ from impactlaw.stepping.soft.compiled.world import FINE, PYTHON, SETTING, UNKNOW
 
 
 class Worlds(NamedTuple):
-    """Indices of the numbers that the entry is given; names in _of are arrays with one row per world.
+    """Indices of the numbers that the entry is given; names in _of are arrays with one row per world."""
 
-    Attributes:
-        table: address of offsets of fields.
-        bilateral: address of kinds of equality constraints, see `world.Law`.
-        constraints: number of equality constraints; 0 if collisions keep the velocity of none of them.
-        frictional: whether contacts have friction.
-        collides: whether the scene can have collisions.
-        steps: number of steps to take.
-        slots: address of pairs of data, see `pooled.other_data`.
-        slot_count: number of these pairs.
-        settings_of: address of `world.Settings`, one row per world.
-        laws_of: address of keys, address of values, and their number, int64 (nsim, 3).
-        states_of: address of space for the state at the start of the call.
-        states: number of entries of a state.
-        memory_of: numbers of steps so far with a collision, with one whose restitution was scaled, and with one without
-            restitution or with E = 0 after the largest number of collisions, (nsim, 3), written.
-        status_of: status of the call, the key that is not known, and the number of steps taken, int64 (nsim, 3),
-            written; a call that is repeated goes on after these steps.
-        outputs: address of descriptions of outputs, see `pooled.copy_out`.
-        output_count: number of outputs.
-        forces: whether to compute the forces on bodies in the last timestep, such as cfrc_ext.
-    """
-
-    table: int = 0
-    bilateral: int = 1
-    constraints: int = 2
-    frictional: int = 3
-    collides: int = 4
-    steps: int = 5
-    slots: int = 6
-    slot_count: int = 7
-    settings_of: int = 8
-    laws_of: int = 9
-    states_of: int = 10
-    states: int = 11
+    table: int = 0  # address of offsets of fields
+    bilateral: int = 1  # address of kinds of equality constraints, see `world.Law`
+    constraints: int = 2  # number of equality constraints; 0 if collisions keep the velocity of none of them
+    frictional: int = 3  # whether contacts have friction
+    collides: int = 4  # whether the scene can have collisions
+    steps: int = 5  # number of steps to take
+    slots: int = 6  # address of pairs of data, see `pooled.other_data`
+    slot_count: int = 7  # number of these pairs
+    settings_of: int = 8  # address of `world.Settings`, one row per world
+    laws_of: int = 9  # address of keys, address of values, and their number, int64 (nsim, 3)
+    states_of: int = 10  # address of space for the state at the start of the call
+    states: int = 11  # number of entries of a state
+    # numbers of steps so far with a collision, with one whose restitution was scaled, and with one without restitution
+    # or with E = 0 after the largest number of collisions, (nsim, 3), written
     memory_of: int = 12
+    # status of the call, the key that is not known, and the number of steps taken, int64 (nsim, 3), written; a call
+    # that is repeated goes on after these steps
     status_of: int = 13
-    outputs: int = 14
-    output_count: int = 15
-    forces: int = 16
+    outputs: int = 14  # address of descriptions of outputs, see `pooled.copy_out`
+    output_count: int = 15  # number of outputs
+    forces: int = 16  # whether to compute the forces on bodies in the last timestep, such as cfrc_ext
 
 
 WORLDS = Worlds()

@@ -73,15 +73,11 @@ _DRIVEN = -1  # constraints that give way have driven it: repeat without them, s
 
 
 class _Islands(NamedTuple):
-    """Islands of trees that influence each other; the arrays are empty if there are no equality constraints.
+    """Islands of trees that influence each other; the arrays are empty if there are no equality constraints."""
 
-    Attributes:
-        label: for each tree the tree that stands for its island, int64 (ntree,).
-        driven: for the tree that stands for an island, whether constraints that give way have driven a collision there;
-            then constraints that move at all do not take part, bool (ntree,).
-    """
-
-    label: Array
+    label: Array  # for each tree the tree that stands for its island, int64 (ntree,)
+    # for the tree that stands for an island, whether constraints that give way have driven a collision there; then
+    # constraints that move at all do not take part, bool (ntree,)
     driven: Array
 
 

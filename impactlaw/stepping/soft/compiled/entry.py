@@ -20,63 +20,35 @@ TOTAL = 3
 
 
 class Context(NamedTuple):
-    """Indices of the numbers that the entry is given: addresses, numbers of entries, and flags.
+    """Indices of the numbers that the entry is given: addresses, numbers of entries, and flags."""
 
-    Attributes:
-        data: address of the data of the world.
-        news: whether the last step has a status other than `FINE`, or any of the steps has had a collision, written.
-        model: address of the model.
-        trial: address of other data.
-        table: address of offsets of fields.
-        numbers: address of restitution, tangential restitution, rest speed, and the sums over all steps, written.
-        exact: whether friction is exact Coulomb friction.
-        frictional: whether contacts have friction.
-        most: largest number of collisions, see `world.Law`.
-        collides: whether the scene can have collisions.
-        keys: address of the keys of contacts whose restitution is known.
-        known: number of these keys.
-        values: address of their restitution.
-        callbacks: address of the addresses of MuJoCo's callbacks.
-        callback_count: number of callbacks.
-        steps: number of steps to take.
-        states: address of space for the state at the start of each step, followed by its sums, see `collide`.
-        state_size: number of entries of a state.
-        status: status of the last step, see `world`, written.
-        taken: number of finished steps, written.
-        asked: key of a contact whose restitution is not known, written.
-        outcomes: address of space for outcomes, see `world.Law`.
-        outcome_count: number of entries there.
-        bilateral: address of kinds of equality constraints, see `world.Law`.
-        constraints: number of equality constraints; 0 if collisions keep the velocity of none of them.
-        last_exact: whether friction is exact Coulomb friction in the last collision, see `world.Law`.
-    """
-
-    data: int = 0
+    data: int = 0  # address of the data of the world
+    # whether the last step has a status other than `FINE`, or any of the steps has had a collision, written
     news: int = 1
-    model: int = 2
-    trial: int = 3
-    table: int = 4
-    numbers: int = 5
-    exact: int = 6
-    frictional: int = 7
-    most: int = 8
-    collides: int = 9
-    keys: int = 10
-    known: int = 11
-    values: int = 12
-    callbacks: int = 13
-    callback_count: int = 14
-    steps: int = 15
-    states: int = 16
-    state_size: int = 17
-    status: int = 18
-    taken: int = 19
-    asked: int = 20
-    outcomes: int = 21
-    outcome_count: int = 22
-    bilateral: int = 23
-    constraints: int = 24
-    last_exact: int = 25
+    model: int = 2  # address of the model
+    trial: int = 3  # address of other data
+    table: int = 4  # address of offsets of fields
+    numbers: int = 5  # address of restitution, tangential restitution, rest speed, and the sums over all steps, written
+    exact: int = 6  # whether friction is exact Coulomb friction
+    frictional: int = 7  # whether contacts have friction
+    most: int = 8  # largest number of collisions, see `world.Law`
+    collides: int = 9  # whether the scene can have collisions
+    keys: int = 10  # address of the keys of contacts whose restitution is known
+    known: int = 11  # number of these keys
+    values: int = 12  # address of their restitution
+    callbacks: int = 13  # address of the addresses of MuJoCo's callbacks
+    callback_count: int = 14  # number of callbacks
+    steps: int = 15  # number of steps to take
+    states: int = 16  # address of space for the state at the start of each step, followed by its sums, see `collide`
+    state_size: int = 17  # number of entries of a state
+    status: int = 18  # status of the last step, see `world`, written
+    taken: int = 19  # number of finished steps, written
+    asked: int = 20  # key of a contact whose restitution is not known, written
+    outcomes: int = 21  # address of space for outcomes, see `world.Law`
+    outcome_count: int = 22  # number of entries there
+    bilateral: int = 23  # address of kinds of equality constraints, see `world.Law`
+    constraints: int = 24  # number of equality constraints; 0 if collisions keep the velocity of none of them
+    last_exact: int = 25  # whether friction is exact Coulomb friction in the last collision, see `world.Law`
 
 
 CONTEXT = Context()

@@ -52,22 +52,15 @@ _next_share = plain(share.next_share)
 
 
 class CollisionProblem(NamedTuple):
-    """The data of a collision problem.
+    """The data of a collision problem."""
 
-    Attributes:
-        exact: whether friction is exact Coulomb friction, or else its convex relaxation.
-        before: velocities of all rows before the collision, (n,).
-        restored: e times these velocities where restitution acts, else 0, (n,); a share s of restitution asks for the
-            jump ``-(before + s restored)``. `find_impulses` multiplies it by the share that it has found.
-        velocity: whitened velocity before the collision, (nv,).
-        speed: its length.
-    """
-
-    exact: bool
-    before: Array
+    exact: bool  # whether friction is exact Coulomb friction, or else its convex relaxation
+    before: Array  # velocities of all rows before the collision, (n,)
+    # e times these velocities where restitution acts, else 0, (n,); a share s of restitution asks for the jump
+    # ``-(before + s restored)``. `find_impulses` multiplies it by the share that it has found
     restored: Array
-    velocity: Array
-    speed: float
+    velocity: Array  # whitened velocity before the collision, (nv,)
+    speed: float  # its length
 
 
 _PROBLEM = typeof(CollisionProblem(True, np.zeros(0), np.zeros(0), np.zeros(0), 0.0))

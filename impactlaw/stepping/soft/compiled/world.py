@@ -20,73 +20,44 @@ CALLBACK = 4
 
 
 class Settings(NamedTuple):
-    """The law and options of one of many worlds, as indices of a row of numbers; see `Law`.
+    """The law and options of one of many worlds, as indices of a row of numbers; see `Law`."""
 
-    Attributes:
-        restitution: e if it is the same for all contacts; else NaN.
-        sliding: tangential restitution.
-        exact: 1 for exact Coulomb friction, 0 for its convex relaxation.
-        last_exact: the same for the last collision after `most` others.
-        rest_speed: closing speed above which a contact collides, m/s or rad/s.
-        most: largest number of collisions at one instant, before the last one.
-    """
-
-    restitution: int = 0
-    sliding: int = 1
-    exact: int = 2
-    last_exact: int = 3
-    rest_speed: int = 4
-    most: int = 5
+    restitution: int = 0  # e if it is the same for all contacts; else NaN
+    sliding: int = 1  # tangential restitution
+    exact: int = 2  # 1 for exact Coulomb friction, 0 for its convex relaxation
+    last_exact: int = 3  # the same for the last collision after `most` others
+    rest_speed: int = 4  # closing speed above which a contact collides, m/s or rad/s
+    most: int = 5  # largest number of collisions at one instant, before the last one
 
 
 SETTING = Settings()
 
 
 class Law(NamedTuple):
-    """The law and options of collisions.
+    """The law and options of collisions."""
 
-    Attributes:
-        restitution: e if it is the same for all contacts; else NaN.
-        sliding: tangential restitution.
-        exact: whether friction is exact Coulomb friction, or else its convex relaxation.
-        last_exact: the same for the last collision after `most` others.
-        frictional: whether contacts have friction.
-        rest_speed: closing speed above which a contact collides, m/s or rad/s.
-        most: largest number of collisions at one instant; after these, a last one with E = 0 involves all contacts.
-        key: keys of contacts and limits, see `law_table.Coefficients`, ascending, int64 (k,).
-        value: e for each key, (k,).
-        asked: key of a contact that is not in `key`, int64 (1,), written.
-        outcomes: how many numbers tell the collisions, also if there is no room for them, then these numbers, see
-            `outcomes.Outcome`, (1 + k,), written; (0,) if not wanted.
-        bilateral: kinds of equality constraints, 0 for those that do not keep their velocity in collisions, uint8
-            (neq,); (0,) if no equality constraint keeps it.
-    """
-
-    restitution: float
-    sliding: float
-    exact: bool
-    last_exact: bool
-    frictional: bool
-    rest_speed: float
-    most: int
-    key: Array
-    value: Array
-    asked: Array
+    restitution: float  # e if it is the same for all contacts; else NaN
+    sliding: float  # tangential restitution
+    exact: bool  # whether friction is exact Coulomb friction, or else its convex relaxation
+    last_exact: bool  # the same for the last collision after `most` others
+    frictional: bool  # whether contacts have friction
+    rest_speed: float  # closing speed above which a contact collides, m/s or rad/s
+    most: int  # largest number of collisions at one instant; after these, a last one with E = 0 involves all contacts
+    key: Array  # keys of contacts and limits, see `law_table.Coefficients`, ascending, int64 (k,)
+    value: Array  # e for each key, (k,)
+    asked: Array  # key of a contact that is not in `key`, int64 (1,), written
+    # how many numbers tell the collisions, also if there is no room for them, then these numbers, see
+    # `outcomes.Outcome`, (1 + k,), written; (0,) if not wanted
     outcomes: Array
+    # kinds of equality constraints, 0 for those that do not keep their velocity in collisions, uint8 (neq,); (0,) if no
+    # equality constraint keeps it
     bilateral: Array
 
 
 class World(NamedTuple):
-    """One world.
+    """One world."""
 
-    Attributes:
-        model: address of its model.
-        data: address of its data.
-        table: address of offsets of fields, see `compiled.fields`.
-        nv: number of degrees of freedom.
-    """
-
-    model: int
-    data: int
-    table: int
-    nv: int
+    model: int  # address of its model
+    data: int  # address of its data
+    table: int  # address of offsets of fields, see `compiled.fields`
+    nv: int  # number of degrees of freedom

@@ -30,35 +30,20 @@ def in_order(rows: Rows, chosen: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class ContactSnapshot:
-    """Copies of contacts, rows and inertia in the middle of a step.
+    """Copies of contacts, rows and inertia in the middle of a step."""
 
-    Attributes:
-        model: the scene, for the sparsity of its mass matrix.
-        names: names of all geoms, as in contact labels.
-        limits: the limits of joints and tendons.
-        rows: the rows of the step.
-        kept: which groups are equality constraints that collisions must not violate, bool (g,).
-        number: the equality constraint that each of these groups belongs to.
-        given: how far these constraints are violated, m or rad.
-        geoms: geoms of MuJoCo's contacts, (ncon, 2).
-        frame: frames of the contacts, normals first, (ncon, 9).
-        position: contact points, m, (ncon, 3).
-        limit_state: state of joints and tendons, if the rows include a limit.
-        inertia: the mass matrix of the step.
-    """
-
-    model: mujoco.MjModel
-    names: tuple[str, ...]
-    limits: Limits
-    rows: Rows
-    kept: np.ndarray
-    number: np.ndarray
-    given: float
-    geoms: np.ndarray
-    frame: np.ndarray
-    position: np.ndarray
-    limit_state: LimitState | None
-    inertia: Inertia
+    model: mujoco.MjModel  # the scene, for the sparsity of its mass matrix
+    names: tuple[str, ...]  # names of all geoms, as in contact labels
+    limits: Limits  # the limits of joints and tendons
+    rows: Rows  # the rows of the step
+    kept: np.ndarray  # which groups are equality constraints that collisions must not violate, bool (g,)
+    number: np.ndarray  # the equality constraint that each of these groups belongs to
+    given: float  # how far these constraints are violated, m or rad
+    geoms: np.ndarray  # geoms of MuJoCo's contacts, (ncon, 2)
+    frame: np.ndarray  # frames of the contacts, normals first, (ncon, 9)
+    position: np.ndarray  # contact points, m, (ncon, 3)
+    limit_state: LimitState | None  # state of joints and tendons, if the rows include a limit
+    inertia: Inertia  # the mass matrix of the step
 
     @classmethod
     def of(

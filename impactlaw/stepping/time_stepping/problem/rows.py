@@ -25,47 +25,32 @@ _EQUALITY, _LOSS, _LIMIT, _ELLIPTIC = 0, (1, 2), (3, 4), 7  # mjtConstraint
 
 
 class Known(NamedTuple):
-    """Impulses of an earlier step or phase, from which `contact_problem.guess` and `gradient_turns.recall_turns` start.
+    """Impulses of an earlier step or phase, from which `contact_problem.guess` and `recall_turns` start."""
 
-    Attributes:
-        groups: see `Rows`, like the next one, int32 (4, g).
-        key: keys of the groups, int64 (g,).
-        scale: coefficients of friction, (n,).
-        impulse: impulses, in units of the problem, (n,).
-        turns: the last two of `Rows.rates`, (2, n).
-    """
-
-    groups: Array
-    key: Array
-    scale: Array
-    impulse: Array
-    turns: Array
+    groups: Array  # see `Rows`, like the next one, int32 (4, g)
+    key: Array  # keys of the groups, int64 (g,)
+    scale: Array  # coefficients of friction, (n,)
+    impulse: Array  # impulses, in units of the problem, (n,)
+    turns: Array  # the last two of `Rows.rates`, (2, n)
 
 
 class Rows(NamedTuple):
-    """The rows of a step, group by group; a group is a contact, a limit, or a row of an equality or of dry friction.
+    """The rows of a step, group by group; a group is a contact, a limit, or a row of an equality or of dry friction."""
 
-    Attributes:
-        sparse: number of entries of each row of Y, index of the first entry, and MuJoCo's row, int32 (3, n).
-        colind: degree of freedom of each entry, int32.
-        value: the entries.
-        groups: first row, number of rows, kind (`BILATERAL`, `BOX`, `CONE`) and source of each group, int32 (4, g). The
-            source is the index of a contact among MuJoCo's, ``-2 - row`` for a limit, and -1 for other groups.
-        key: identifies a group from step to step, int64 (g,).
-        amounts: for each group the gap, m or rad, and a second number, (2, g): the largest impulse, N s, of dry
-            friction, or the compliance of an equality that does not keep its velocity in a collision.
-        rates: for each row, (7, n): the coefficient of friction of a friction row, else 1; ``J v``, the velocity at the
-            start of the step, m/s or rad/s; ``J v_free``, the velocity without contact; the velocity at which an
-            equality is satisfied; its compliance R, 0 for rigid rows; and t and d of the last step, see
-            `gradient_turns`, NaN if there are none.
-    """
-
-    sparse: np.ndarray
-    colind: np.ndarray
-    value: np.ndarray
+    sparse: np.ndarray  # number of entries of each row of Y, index of the first entry, and MuJoCo's row, int32 (3, n)
+    colind: np.ndarray  # degree of freedom of each entry, int32
+    value: np.ndarray  # the entries
+    # first row, number of rows, kind (`BILATERAL`, `BOX`, `CONE`) and source of each group, int32 (4, g). The source is
+    # the index of a contact among MuJoCo's, ``-2 - row`` for a limit, and -1 for other groups
     groups: np.ndarray
-    key: np.ndarray
+    key: np.ndarray  # identifies a group from step to step, int64 (g,)
+    # for each group the gap, m or rad, and a second number, (2, g): the largest impulse, N s, of dry friction, or the
+    # compliance of an equality that does not keep its velocity in a collision
     amounts: np.ndarray
+    # for each row, (7, n): the coefficient of friction of a friction row, else 1; ``J v``, the velocity at the start of
+    # the step, m/s or rad/s; ``J v_free``, the velocity without contact; the velocity at which an equality is
+    # satisfied; its compliance R, 0 for rigid rows; and t and d of the last step, see `gradient_turns`, NaN if there
+    # are none
     rates: np.ndarray
 
     def known(self, impulse: np.ndarray) -> Known:
@@ -124,33 +109,20 @@ class Rows(NamedTuple):
 
 
 class Source(NamedTuple):
-    """MuJoCo's rows and contacts, from which the rows of a step are read.
+    """MuJoCo's rows and contacts, from which the rows of a step are read."""
 
-    Attributes:
-        kinds: efc_type, (nefc,).
-        number: efc_id, (nefc,).
-        position: efc_pos, m or rad, (nefc,).
-        velocity: efc_vel, m/s or rad/s, (nefc,); (0,) to leave out velocities of belts.
-        reference: efc_aref, (nefc,).
-        regularizer: efc_R, (nefc,).
-        loss: efc_frictionloss, (nefc,).
-        jacobian: number of entries and first entry of each row, degree of freedom of each entry, and the entries.
-        dim: condim of contacts, (ncon,).
-        geoms: geoms of contacts, (ncon, 2).
-        friction: coefficients of contacts, (ncon, 5).
-    """
-
-    kinds: Array
-    number: Array
-    position: Array
-    velocity: Array
-    reference: Array
-    regularizer: Array
-    loss: Array
+    kinds: Array  # efc_type, (nefc,)
+    number: Array  # efc_id, (nefc,)
+    position: Array  # efc_pos, m or rad, (nefc,)
+    velocity: Array  # efc_vel, m/s or rad/s, (nefc,); (0,) to leave out velocities of belts
+    reference: Array  # efc_aref, (nefc,)
+    regularizer: Array  # efc_R, (nefc,)
+    loss: Array  # efc_frictionloss, (nefc,)
+    # number of entries and first entry of each row, degree of freedom of each entry, and the entries
     jacobian: tuple[Array, Array, Array, Array]
-    dim: Array
-    geoms: Array
-    friction: Array
+    dim: Array  # condim of contacts, (ncon,)
+    geoms: Array  # geoms of contacts, (ncon, 2)
+    friction: Array  # coefficients of contacts, (ncon, 5)
 
 
 _INTS, _TABLE, _INT_TABLE = types.int32[::1], types.float64[:, ::1], types.int32[:, ::1]

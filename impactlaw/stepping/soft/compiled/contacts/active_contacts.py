@@ -30,17 +30,11 @@ _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 
 
 class ActiveContacts(NamedTuple):
-    """The contacts and limits that MuJoCo's solver acts on.
+    """The contacts and limits that MuJoCo's solver acts on."""
 
-    Attributes:
-        row: MuJoCo's first row, int64 (h,).
-        contact: index among MuJoCo's contacts, -1 for a limit, int64 (h,).
-        paired: whether the contact is a pyramid: pairs of rows, the mean of which is the normal, int64 (h,).
-    """
-
-    row: Array
-    contact: Array
-    paired: Array
+    row: Array  # muJoCo's first row, int64 (h,)
+    contact: Array  # index among MuJoCo's contacts, -1 for a limit, int64 (h,)
+    paired: Array  # whether the contact is a pyramid: pairs of rows, the mean of which is the normal, int64 (h,)
 
 
 @plain

@@ -32,17 +32,11 @@ _SWEEPS = 30  # sweeps allowed to Jacobi's method, which needs ten at most
 
 
 class Gradients(NamedTuple):
-    """What the collisions of one instant have in common.
+    """What the collisions of one instant have in common."""
 
-    Attributes:
-        jacobian: MuJoCo's rows, see `access.jacobian_of`.
-        root: ``D^-1/2``, (nv,).
-        basis: see `span`, (m nv,) for m directions.
-    """
-
-    jacobian: tuple[Array, Array, Array, Array]
-    root: Array
-    basis: Array
+    jacobian: tuple[Array, Array, Array, Array]  # muJoCo's rows, see `access.jacobian_of`
+    root: Array  # ``D^-1/2``, (nv,)
+    basis: Array  # see `span`, (m nv,) for m directions
 
 
 @plain

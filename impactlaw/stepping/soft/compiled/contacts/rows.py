@@ -26,25 +26,15 @@ Array = np.ndarray[Any, Any]
 
 
 class Rows(NamedTuple):
-    """Whitened rows of k contacts: for each contact the normal, then friction rows times their coefficients.
+    """Whitened rows of k contacts: for each contact the normal, then friction rows times their coefficients."""
 
-    Attributes:
-        of: index of each contact in `ActiveContacts`, int64 (k,).
-        first: first row of each contact, int32 (k,).
-        sizes: number of rows of each contact, int32 (k,).
-        nnz: number of entries of each row, int32 (n,).
-        adr: index of the first entry of each row, int32 (n,).
-        col: degree of freedom of each entry, int32.
-        val: the entries.
-    """
-
-    of: Array
-    first: Array
-    sizes: Array
-    nnz: Array
-    adr: Array
-    col: Array
-    val: Array
+    of: Array  # index of each contact in `ActiveContacts`, int64 (k,)
+    first: Array  # first row of each contact, int32 (k,)
+    sizes: Array  # number of rows of each contact, int32 (k,)
+    nnz: Array  # number of entries of each row, int32 (n,)
+    adr: Array  # index of the first entry of each row, int32 (n,)
+    col: Array  # degree of freedom of each entry, int32
+    val: Array  # the entries
 
 
 @plain

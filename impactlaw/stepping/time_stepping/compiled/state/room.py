@@ -30,33 +30,19 @@ class Room(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """Targets and results of the contacts; see `resolve.resolve_step`.
+    """Targets and results of the contacts; see `resolve.resolve_step`."""
 
-    Attributes:
-        x: impulses of rows, in units of the problem, (n,).
-        sliding: target sliding velocities, (n,).
-        target: target velocities with all restitution, (g,).
-        reached: the targets that were actually aimed at, (g,).
-        change: change of velocity, (nv,).
-        shift: velocity that opens overlaps, (nv,), if there are any to open.
-        z: whitened change of velocity, (nv,).
-        may: which groups may collide, bool (g,).
-        collides: which groups collide, bool (g,).
-        later: which groups are hit only through others, bool (g,).
-        bound: which groups are equality constraints that must not drive the collision, bool (g,).
-    """
-
-    x: Array
-    sliding: Array
-    target: Array
-    reached: Array
-    change: Array
-    shift: Array
-    z: Array
-    may: Array
-    collides: Array
-    later: Array
-    bound: Array
+    x: Array  # impulses of rows, in units of the problem, (n,)
+    sliding: Array  # target sliding velocities, (n,)
+    target: Array  # target velocities with all restitution, (g,)
+    reached: Array  # the targets that were actually aimed at, (g,)
+    change: Array  # change of velocity, (nv,)
+    shift: Array  # velocity that opens overlaps, (nv,), if there are any to open
+    z: Array  # whitened change of velocity, (nv,)
+    may: Array  # which groups may collide, bool (g,)
+    collides: Array  # which groups collide, bool (g,)
+    later: Array  # which groups are hit only through others, bool (g,)
+    bound: Array  # which groups are equality constraints that must not drive the collision, bool (g,)
 
 
 VELOCITIES = 12

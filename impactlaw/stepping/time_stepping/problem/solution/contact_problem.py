@@ -36,51 +36,30 @@ _CONVEX = np.bool_(False)
 
 
 class Aims(NamedTuple):
-    """What the step asks of its rows.
+    """What the step asks of its rows."""
 
-    Attributes:
-        target: ``gamma^h`` with all restitution, (g,).
-        sliding: target sliding velocities with all restitution, (n,).
-        collides: which groups collide, bool (g,).
-    """
-
-    target: Array
-    sliding: Array
-    collides: Array
+    target: Array  # ``gamma^h`` with all restitution, (g,)
+    sliding: Array  # target sliding velocities with all restitution, (n,)
+    collides: Array  # which groups collide, bool (g,)
 
 
 class Method(NamedTuple):
-    """How problems are solved.
+    """How problems are solved."""
 
-    Attributes:
-        tree: tree of each degree of freedom, (nv,).
-        exact: whether friction is exact Coulomb friction, or else its convex relaxation.
-        rounds: rounds of the slower solvers.
-        left: remaining part of the work allowed in the step, (1,), see `solvers.cones.budget.spend`.
-    """
-
-    tree: Array
-    exact: bool
-    rounds: int
-    left: Array
+    tree: Array  # tree of each degree of freedom, (nv,)
+    exact: bool  # whether friction is exact Coulomb friction, or else its convex relaxation
+    rounds: int  # rounds of the slower solvers
+    left: Array  # remaining part of the work allowed in the step, (1,), see `solvers.cones.budget.spend`
 
 
 class Solution(NamedTuple):
-    """The impulses of a problem and the velocities that they lead to, with scratch space.
+    """The impulses of a problem and the velocities that they lead to, with scratch space."""
 
-    Attributes:
-        x: impulses, in units of the problem, (n,); a guess before the problem is solved.
-        z: whitened jump of velocities, (nv,).
-        after: velocities of rows afterwards, (n,).
-        reached: the targets that were aimed at, with restitution scaled, (g,).
-        room: scratch space, (2 n,).
-    """
-
-    x: Array
-    z: Array
-    after: Array
-    reached: Array
-    room: Array
+    x: Array  # impulses, in units of the problem, (n,); a guess before the problem is solved
+    z: Array  # whitened jump of velocities, (nv,)
+    after: Array  # velocities of rows afterwards, (n,)
+    reached: Array  # the targets that were aimed at, with restitution scaled, (g,)
+    room: Array  # scratch space, (2 n,)
 
 
 AIMS = types.NamedTuple([FLOATS, FLOATS, types.boolean[::1]], Aims)

@@ -31,37 +31,21 @@ _FOUND = types.Tuple((types.boolean, *[types.float64] * 7))
 
 
 class Resolved(NamedTuple):
-    """The answer of `resolve_step`.
+    """The answer of `resolve_step`."""
 
-    Attributes:
-        impulse: impulses, in units of the problem, (n,).
-        change: change of velocity, (nv,).
-        shift: velocity that opens overlaps, (nv,); empty if there is none to open.
-        reached: the targets that were aimed at, with restitution scaled, (g,).
-        missed: largest amount by which a contact velocity misses its target, m/s or rad/s.
-        fastest: largest velocity of a row, m/s or rad/s.
-        share: smallest share of restitution that is kept.
-        created: energy that the collision would create without scaling, J.
-        work: work of contact, J.
-        rounding: part of the work that is rounding, J.
-        residual: residual of the natural map, including friction, relative to the largest velocity.
-        jump: whitened change of velocity, (nv,).
-        sliding: target sliding velocities, (n,).
-    """
-
-    impulse: Array
-    change: Array
-    shift: Array
-    reached: Array
-    missed: float
-    fastest: float
-    share: float
-    created: float
-    work: float
-    rounding: float
-    residual: float
-    jump: Array
-    sliding: Array
+    impulse: Array  # impulses, in units of the problem, (n,)
+    change: Array  # change of velocity, (nv,)
+    shift: Array  # velocity that opens overlaps, (nv,); empty if there is none to open
+    reached: Array  # the targets that were aimed at, with restitution scaled, (g,)
+    missed: float  # largest amount by which a contact velocity misses its target, m/s or rad/s
+    fastest: float  # largest velocity of a row, m/s or rad/s
+    share: float  # smallest share of restitution that is kept
+    created: float  # energy that the collision would create without scaling, J
+    work: float  # work of contact, J
+    rounding: float  # part of the work that is rounding, J
+    residual: float  # residual of the natural map, including friction, relative to the largest velocity
+    jump: Array  # whitened change of velocity, (nv,)
+    sliding: Array  # target sliding velocities, (n,)
 
 
 _RESOLVED = types.NamedTuple([*[FLOATS] * 4, *[types.float64] * 7, FLOATS, FLOATS], Resolved)
