@@ -160,9 +160,9 @@ def _hidden(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
             if (ahead == floor and shapes[0] != _FIELD) or weld[k, other] != weld[s, 1 - own]:
                 continue
             if shapes[0] == _FIELD or _MESH in shapes:
-                if deepest and away @ up <= ASKEW_MEASURED:
+                if deepest and -ASKEW <= away @ up <= ASKEW_MEASURED:
                     into = (away @ up) * up - away
-                    into *= (PROBE + max(0.0, dist[k]) + 2.0 * SUNK_MEASURED * sunk) / np.linalg.norm(into)
+                    into *= (PROBE + max(0.0, dist[k]) + 2.0 * SUNK_MEASURED * sunk) / (into @ into)
                     out[k] |= _depth(model, data, mover, ahead, into) <= FLUSH + SUNK_MEASURED * sunk
             elif away @ up <= least and below <= FLUSH + SUNK * sunk:
                 out[k] |= (data.geom_xpos[ahead] - face) @ up + _extent(model, data, ahead, up) <= FLUSH

@@ -71,7 +71,8 @@ def hide_edges(dist, pos, frame, geom, body_of_geom, weld, tree, shapes, at):
     A body that slides over a floor of several pieces, such as the prisms of a height field, comes near the edge of the
     one ahead. That contact closes along the floor, but the body passes over it: no part of the geom ahead is above the
     floor, and no part of the body is lower than it has sunk into the floor. Where meshes and height fields are
-    involved, the body is moved along the floor into that contact to see whether it gets deeper.
+    involved, the body is moved along the floor until that contact would close, and a little farther, to see whether it
+    gets deeper. Contacts from above, as with a ceiling, are never hidden then.
 
     Args:
         dist: gaps, m, (ncon,); written.
@@ -117,10 +118,10 @@ def _hides(s, k, own, is_deepest, dist, pos, frame, geom, bodies, shapes, at):
         along += sign * frame[k, i] * frame[s, i]
     sunk = max(0.0, -dist[s])
     if shape[mover] == _MESH or shape[ahead] == _MESH or shape[ahead] == _FIELD:
-        if along > ASKEW_MEASURED or not is_deepest:
+        if along > ASKEW_MEASURED or along < -ASKEW or not is_deepest:
             return False
-        way = (PROBE + max(0.0, dist[k]) + 2.0 * SUNK_MEASURED * sunk) / (up * np.sqrt(1.0 - along * along))
-        depth = _depth_along(mover, ahead, way, sign * up, along, frame[k], frame[s], place, at)
+        way = (PROBE + max(0.0, dist[k]) + 2.0 * SUNK_MEASURED * sunk) / (up * (1.0 - along * along))
+        depth = _depth_along(mover, ahead, way, sign, along, frame[k], frame[s], place, at)
         return depth <= FLUSH + SUNK_MEASURED * sunk
     if along > (ASKEW_SPHERE if shape[mover] == _SPHERE else ASKEW):
         return False
@@ -133,7 +134,8 @@ def _hides(s, k, own, is_deepest, dist, pos, frame, geom, bodies, shapes, at):
 def _depth_along(mover, ahead, way, side, along, normal, floor, place, at):
     """Return how deep a geom overlaps the one ahead once it is moved into that contact along the floor, m.
 
-    ``side`` tells whether both normals, (3,), point to the geom, ``along`` is their cosine then.
+    ``side`` is 1 if both normals, (3,), point to the geom or both from it, else -1; ``along`` is the cosine of the
+    angle between those that point to it. ``way`` is negative if that of the floor points from it.
     """
     x, y, z = place[mover, 0], place[mover, 1], place[mover, 2]
     for i in range(3):

@@ -27,17 +27,22 @@ _PASSED = 3e-6
 
 
 @plain
-def _can_pass(fixed, geometry):
-    """Return whether bodies can pass over a fixed geom."""
+def _can_pass(pair, own, geometry):
+    """Return whether a geom can pass over a fixed one; other data do not know where mocap bodies carry them."""
     shape, body_of_geom, _, _, root, mocap = geometry
-    return shape[fixed] != _PLANE and shape[fixed] != _SDF and mocap[root[body_of_geom[fixed]]] < 0
+    kind = shape[pair[1 - own]]
+    for i in range(2):
+        if mocap[root[body_of_geom[pair[i]]]] >= 0:
+            return False
+    return kind != _PLANE and kind != _SDF
 
 
 @kernel
 def leave_doubtful(contacts, geometry, chosen, doubtful):
     """Leave contacts out that bodies may pass over; return whether there are any.
 
-    These are open contacts of a body with a fixed one, if it has a nearer one in another direction.
+    These are open contacts of a body with a fixed one, if it has a nearer one in another direction. Of two that are
+    equally near, as of a ball that falls into the middle of a groove, both take part.
 
     Args:
         contacts: gaps, m, (ncon,), frames with normals first, at least (ncon, 3), geoms, (ncon, 2), and first rows,
@@ -50,7 +55,7 @@ def leave_doubtful(contacts, geometry, chosen, doubtful):
     for k in range(len(dist)):
         own = moving_side(geom[k], body_of_geom, tree)
         if own >= 0 and address[k] >= 0 and chosen[address[k]]:
-            doubtful[k] = dist[k] > TOUCHING and _can_pass(geom[k, 1 - own], geometry)
+            doubtful[k] = dist[k] > TOUCHING and _can_pass(geom[k], own, geometry)
             some = some or doubtful[k]
     if not some:
         return False
@@ -71,7 +76,7 @@ def leave_doubtful(contacts, geometry, chosen, doubtful):
             along += frame[k, i] * frame[s, i]
         if own != moving_side(geom[s], body_of_geom, tree):
             along = -along
-        doubtful[k] = along < _SAME
+        doubtful[k] = along < _SAME and dist[k] > dist[s] + TOUCHING
         if doubtful[k]:
             chosen[address[k]], some = False, True
     return some
