@@ -86,6 +86,15 @@ def _cylinders(seed: int, count: int = 8) -> tuple[mujoco.MjModel, mujoco.MjData
     return model, mujoco.MjData(model)
 
 
+def _least_gap(model: mujoco.MjModel, data: mujoco.MjData) -> float:
+    """Return the least gap of `_cylinders` to the floor, in closed form, and to others; contacts of data are older."""
+    pairs = {tuple(pair) for pair in data.contact.geom.tolist() if 0 not in pair}
+    gaps = [mujoco.mj_geomDistance(model, data, *pair, 0.01, None) for pair in pairs]
+    up, (radius, half) = data.geom_xmat[5:, 6:], model.geom_size[5:, :2].T
+    to_floor = data.geom_xpos[5:, 2] - radius * np.hypot(up[:, 0], up[:, 1]) - half * np.abs(up[:, 2])
+    return min(*gaps, *to_floor)
+
+
 def test_heaps_whose_contact_points_jump_come_to_rest():
     """Some 40 % of them do; in the others a cylinder rolls away or turns on two contacts. The motion is chaotic.
 
@@ -97,8 +106,7 @@ def test_heaps_whose_contact_points_jump_come_to_rest():
         stepper = Stepper(model, Moreau(0.0), scheme="time-stepping")
         for _ in range(steps):
             stepper.step(data)
-        mujoco.mj_fwdPosition(model, data)  # contacts of data were those of the middle of the step
-        assert data.contact.dist.min() > -1e-5
+        assert _least_gap(model, data) > -1e-5
         at_rest += np.abs(data.qvel).max() < 1e-9
         short += stepper.short_steps
     assert at_rest >= 2
