@@ -23,7 +23,7 @@ def _stack(n: int, ratio: float, law: str, quick: bool) -> Measurement:
         for i in range(n)
     )
     watch = Watch(compiled(world), law)
-    watch.rest((1 if n > 50 else 3) if quick and n > 10 else 10)
+    watch.rest((1 if n > 50 else 3) if quick and n > 10 else 10 if ratio == 1 else 6)  # rounding grows tenfold a step
     return watch.measurement(energy_scale=G * n * n / 8)
 
 
