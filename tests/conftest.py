@@ -8,6 +8,8 @@ import tempfile
 
 import hypothesis
 import pytest
+import scipy.linalg  # noqa: F401  (loads its BLAS)
+import threadpoolctl
 from gymnasium.utils import seeding
 
 from impactlaw import Fremond, Stepper
@@ -17,6 +19,11 @@ from impactlaw.recording import Recorder
 
 hypothesis.settings.register_profile("repeatable", derandomize=True)
 hypothesis.settings.load_profile("repeatable")
+
+# Several processes run tests: where there are more threads than cores, they wait for each other.
+threadpoolctl.threadpool_limits(1, user_api="blas")
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):  # of processes that tests start
+    os.environ.setdefault(name, "1")
 
 if sys.dont_write_bytecode:  # then each of the hundred processes that tests start would parse all of its imports
     kept = tempfile.mkdtemp(prefix="bytecode-")

@@ -62,11 +62,11 @@ class KineticMetric:
 
     def unwhiten(self, z: np.ndarray) -> np.ndarray:
         """Return ``R^-T z``, the inverse of `whiten`, for one vector (nv,) or several (n, nv)."""
-        return z / self._scale if self._scale is not None else _solve(self._factor, z, transposed=0)
+        return z / self._scale if self._scale is not None else solve_rows(self._factor, z, transposed=0)
 
     def whiten_gradients(self, jacobian: np.ndarray) -> np.ndarray:
         """Return ``J R^-T``, shape (h, nv)."""
-        return jacobian / self._scale if self._scale is not None else _solve(self._factor, jacobian, transposed=1)
+        return jacobian / self._scale if self._scale is not None else solve_rows(self._factor, jacobian, transposed=1)
 
     def norm(self, velocity: np.ndarray) -> float:
         """Return ``sqrt(v^T M v)``."""
@@ -86,7 +86,7 @@ def check_symmetry(M: Any) -> None:
         )
 
 
-def _solve(factor: np.ndarray, rows: np.ndarray, *, transposed: int) -> np.ndarray:
+def solve_rows(factor: np.ndarray, rows: np.ndarray, *, transposed: int) -> np.ndarray:
     """Solve ``R^T x = row``, or transposed ``R x = row``, given R^T, for one row (nv,) or several (n, nv)."""
     if rows.ndim == 1:  # increment 1, offset 0, not the lower triangle: keywords would double the time of the call
         return scipy.linalg.blas.dtrsv(factor, rows, 1, 0, 0, transposed)

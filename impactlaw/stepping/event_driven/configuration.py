@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import scipy
 
+from impactlaw.mechanics.kinetic_metric import solve_rows
 from impactlaw.scene.contacts import mass_matrix, update_positions
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.stepping.integration import implicit_inertia, locked_joints, restore_state, save_state
@@ -133,7 +134,7 @@ class Configuration:
         """Return ``M^-1 p``, (nv,)."""
         self._factor()
         if self._root is not None:
-            return scipy.linalg.cho_solve((self._root, True), momentum)
+            return scipy.linalg.lapack.dpotrs(self._root.T, momentum)[0]
         result = np.empty((1, self.model.nv))
         mujoco.mj_solveM(self.model, self.data, result, momentum[None])
         return result[0]
@@ -154,7 +155,7 @@ class Configuration:
         """Return ``J R^-T``, (h, nv)."""
         self._factor()
         if self._root is not None:
-            return scipy.linalg.solve_triangular(self._root, jacobian.T, lower=True).T
+            return solve_rows(self._root.T, jacobian, transposed=1)
         result = np.empty_like(jacobian)
         mujoco.mj_solveM2(self.model, self.data, result, jacobian, np.sqrt(self.data.qLDiagInv))
         return result
