@@ -111,6 +111,11 @@ class LawDistribution:
         return [] if e is None else list(e)
 
 
+def is_written(law: Any) -> bool:
+    """Return whether a value is what `LawDistribution.arguments` returns, as read from the JSON of a spec."""
+    return isinstance(law, Mapping) and "laws" in law
+
+
 def _is_choice(value: Any) -> bool:
     """Return whether a value is a nonempty ordered collection; the order of a set differs between processes."""
     ordered = isinstance(value, Sequence) or (isinstance(value, np.ndarray) and value.ndim > 0)

@@ -13,9 +13,9 @@ from typing import Any, Literal
 import mujoco
 
 from impactlaw.envs.episode_seeds import EpisodeSeeds
-from impactlaw.envs.law_distribution import LawDistribution
+from impactlaw.envs.law_distribution import LawDistribution, is_written
 from impactlaw.errors import OptionError, PassedOnWarning, RestitutionError, SceneError, UnknownNameError
-from impactlaw.laws import LAWS, Law, make_law, portable
+from impactlaw.laws import LAWS, Law, make_law, portable, restored
 from impactlaw.laws.restitution.from_scene import scene_law, scene_restitution
 from impactlaw.recording.properties import law_name, law_restitution
 from impactlaw.stepping.stepper import Stepper
@@ -197,9 +197,14 @@ def describe_law(law: Law) -> dict[str, str | float]:
 def portable_options(options: Mapping[str, Any]) -> dict[str, Any]:
     """Return constructor arguments in a form that `gymnasium.EnvSpec` can write to JSON, as far as possible."""
     result = dict(options)
-    for name in {"law", "restitution"} & result.keys():
+    law = result.get("law")
+    if isinstance(law, LawDistribution):
+        result["law"] = law.arguments()
+    given = {"law", "restitution"} & result.keys()
+    for name in given - {"law"} if is_written(result.get("law")) else given:
         with suppress(RestitutionError):  # writing JSON will report it
-            result[name] = portable(result[name])
+            value = result[name]  # restored first, since it may come from a spec that is plain already
+            result[name] = portable([restored(one) for one in value] if isinstance(value, list) else restored(value))
     if isinstance(result.get("contacts"), tuple | set | frozenset):
         result["contacts"] = list(result["contacts"])
     if result.get("log") is not None:

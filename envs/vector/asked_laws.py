@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from impactlaw.envs.law_distribution import LawDistribution
+from impactlaw.envs.law_distribution import LawDistribution, is_written
 from impactlaw.envs.law_options import choose_law
 from impactlaw.errors import OptionError, RestitutionError
 from impactlaw.laws import Law
@@ -49,6 +49,8 @@ def asked_laws(
         UnknownNameError: there is no such law.
         RestitutionError: the restitution does not fit a law, or a law has its own.
     """
+    if is_written(law):
+        law = LawDistribution(**law)
     if isinstance(law, LawDistribution):
         if restitution is not None:
             raise RestitutionError(f"a LawDistribution has its own restitution; leave restitution={restitution!r} out")

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from impactlaw.envs.law_distribution import LawDistribution
-from impactlaw.envs.law_options import check_reset
+from impactlaw.envs.law_options import check_reset, portable_options
 from impactlaw.envs.vector.asked_laws import Asked
 from impactlaw.envs.vector.laws_of_worlds import LawsOfWorlds
 from impactlaw.envs.vector.task import Task
@@ -25,6 +27,7 @@ from impactlaw.stepping.compatibility import check_count
 _OPTIONS = ("law", "restitution")
 _ANEW = "make new worlds"
 _SINGLE = "make single environments, which have it, or new worlds"
+_SYNC = "put single environments into a SyncVectorEnv of gymnasium, which takes others"
 
 
 class VectorWorlds(VectorEnv):
@@ -60,6 +63,7 @@ class VectorWorlds(VectorEnv):
 
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012  (as gymnasium declares it)
 
+    autoreset_mode = Settled(_SYNC)
     nthread, frame_skip, max_episode_steps = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
     friction, on_inadmissible, rest_speed = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
     contact_model, scheme, log, log_every = Settled(_SINGLE), Settled(_SINGLE), Settled(_SINGLE), Settled(_SINGLE)
@@ -75,6 +79,7 @@ class VectorWorlds(VectorEnv):
         max_episode_steps: int | None = None,
         options: Mapping[str, Any] | None = None,
     ):
+        self._spec: EnvSpec | None = None
         check_count("num_envs", num_envs)
         if max_episode_steps is not None:
             check_count("max_episode_steps", max_episode_steps)
@@ -92,11 +97,21 @@ class VectorWorlds(VectorEnv):
         self._begun = False
         # options that single environments or a `Batch` also have; they can be read, but not set
         given, rigid = options or {}, self.batch.contact_model == "rigid"
+        self.autoreset_mode = AutoresetMode.NEXT_STEP
         self.nthread, self.frame_skip, self.max_episode_steps = nthread, task.frame_skip, max_episode_steps
         self.friction, self.rest_speed = given.get("friction", "coulomb"), given.get("rest_speed")
         self.contact_model, self.log, self.log_every = self.batch.contact_model, None, 1
         self.scheme = "time-stepping" if rigid else None
         self.on_inadmissible = given.get("on_inadmissible") or ("project" if rigid else None)
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """The spec from which `gymnasium.make_vec` makes the same worlds; laws in it can be written to JSON."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:  # pyright: ignore[reportIncompatibleVariableOverride]
+        self._spec = None if spec is None else dataclasses.replace(spec, kwargs=portable_options(spec.kwargs))
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None

@@ -72,6 +72,9 @@ def test_a_spec_survives_json(make, law, restitution):
     assert repr(again.get_wrapper_attr("law")) == wanted
     assert repr(gymnasium.make(env.spec).get_wrapper_attr("law")) == wanted
     again.reset(seed=0)
+    third = gymnasium.make(EnvSpec.from_json(again.spec.to_json()))  # from a spec whose law was plain already
+    assert third.spec.to_json() == again.spec.to_json() == env.spec.to_json()
+    assert repr(third.get_wrapper_attr("law")) == wanted
 
 
 def test_a_spec_with_a_law_that_json_cannot_have_says_so():
