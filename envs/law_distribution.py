@@ -23,10 +23,11 @@ class LawDistribution:
 
     Attributes:
         laws: names of laws, which may include "scene", files such as law.json, or `Law` objects.
-        restitution: a tuple of two numbers, for the uniform distribution on this interval in [0, 1]; a list, or any
-            other sequence, of arguments of laws to choose from; a frozen distribution of `scipy.stats` on [0, 1]; or
-            None for the scene's own. No restitution is drawn for laws that take none, such as "maximal-dissipation" and
-            "any-outcome", or for `Law` objects, which have their own.
+        restitution: a tuple of two numbers, or ``{"uniform": [low, high]}`` as in YAML and JSON, which have no tuples,
+            for the uniform distribution on this interval in [0, 1]; a list, or any other sequence, of arguments of laws
+            to choose from; a frozen distribution of `scipy.stats` on [0, 1]; or None for the scene's own. No
+            restitution is drawn for laws that take none, such as "maximal-dissipation" and "any-outcome", or for `Law`
+            objects, which have their own.
         friction: options of rigid contact to choose from, "coulomb", "convex", "ignore"; None to leave it unchanged.
 
     Raises:

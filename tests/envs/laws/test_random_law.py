@@ -141,6 +141,11 @@ def test_made_again_from_its_spec(restitution):
         assert str(drawn(again, 8)) == str(wanted)
 
 
+def test_an_interval_can_be_written_in_yaml():
+    written = drawn(RandomLaw(hopper(), restitution={"uniform": [0.4, 1.0]}), 8)
+    assert written == drawn(RandomLaw(hopper(), restitution=(0.4, 1.0)), 8)
+
+
 def test_in_vector_environments():
     def make():
         return RandomLaw(TimeLimit(hopper(), 5), restitution=(0.0, 1.0))
