@@ -44,7 +44,7 @@ class Rows(NamedTuple):
 class ContactSet:
     """Contacts that are near or closed, at one configuration.
 
-    `tangents`, `rows`, `along`, `whitened`, `yielding` and `lengths` are computed on first access, which must happen at
+    `tangents`, `rows`, `confined`, `yielding` and `lengths` are computed on first access, which must happen at
     that configuration; so must the first call of anything that uses them.
 
     Attributes:
@@ -115,22 +115,21 @@ class ContactSet:
             contacts, J = contacts.select(which), J[which]
         return Closed(contacts, J, self.bilateral, drift, before, friction)
 
-    @property
-    def along(self) -> np.ndarray:
-        """Rows ``J'`` along which equality constraints let bodies move apart, (h, nv); J if there are none."""
-        along, _ = self._confined
-        return along
+    @cached_property
+    def confined(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows ``J'`` along which equality constraints let bodies move apart, and ``Y = J' R^-T``, (h, nv) each.
 
-    @property
-    def whitened(self) -> np.ndarray:
-        """``Y = J' R^-T``, (h, nv)."""
-        _, whitened = self._confined
-        return whitened
+        J' is J if there are no equality constraints.
+        """
+        J, Y = self.jacobian, self.configuration.whiten_gradients(self.jacobian)
+        if self.bilateral is None:
+            return J, Y
+        return self._constraints.confine(J, Y, self.bilateral), self._constraints.project(Y)
 
-    @property
+    @cached_property
     def yielding(self) -> np.ndarray:
         """``J R^-T``, (h, nv), with equality constraints that give way as MuJoCo's do."""
-        return self.whitened if self.bilateral is None else self._yielding
+        return self.confined[1] if self.bilateral is None else self.whiten(self.jacobian)
 
     def whiten(self, rows: np.ndarray) -> np.ndarray:
         """Return whitened rows, (k, nv); a row that equality constraints fix completely becomes 0."""
@@ -142,27 +141,12 @@ class ContactSet:
     @cached_property
     def lengths(self) -> np.ndarray:
         """Lengths of the rows of Y, (h,)."""
-        return np.sqrt(np.vecdot(self.whitened, self.whitened))
-
-    @cached_property
-    def _confined(self) -> tuple[np.ndarray, np.ndarray]:
-        return self.confine(self.jacobian)
-
-    @cached_property
-    def _yielding(self) -> np.ndarray:
-        return self.whiten(self.jacobian)
+        return np.sqrt(np.vecdot(self.confined[1], self.confined[1]))
 
     @cached_property
     def _constraints(self) -> Bilateral:
         assert self.bilateral is not None
         return Bilateral.of(self.configuration.whiten_gradients(self.bilateral))
-
-    def confine(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return other rows without the part that equality constraints fix, and the same whitened, (k, nv)."""
-        Y = self.configuration.whiten_gradients(rows)
-        if self.bilateral is None:
-            return rows, Y
-        return self._constraints.confine(rows, Y, self.bilateral), self._constraints.project(Y)
 
     def along_constraints(self, velocity: np.ndarray) -> np.ndarray:
         """Return the part of a velocity, (nv,), that equality constraints fix; there must be some."""

@@ -105,11 +105,6 @@ class ContactState(NamedTuple):
         return self.contact_set.gap
 
     @property
-    def position(self) -> np.ndarray:
-        """Contact points, m, (h, 3)."""
-        return self.contacts.position
-
-    @property
     def contacts(self) -> Contacts:
         """The contacts."""
         return self.contact_set.contacts

@@ -92,7 +92,7 @@ def refound(known: np.ndarray, held: np.ndarray, contact_set: ContactSet, phase:
     for lost in missing:
         new = np.flatnonzero((known < 0) & pattern.rolling & (pattern.key == start.pattern.key[lost]))
         if len(new):
-            away = np.linalg.norm(contact_set.contacts.position[new] - start.position[lost], axis=1)
+            away = np.linalg.norm(contact_set.contacts.position[new] - start.contacts.position[lost], axis=1)
             known[new[away.argmin()]] = lost
     return known
 
@@ -170,8 +170,8 @@ def runs_on(half: PhaseEnd, end: PhaseEnd, phase: Phase, deepest: int) -> bool:
     held = np.flatnonzero(half.sustained & (half.now.pattern.key == pattern.key[deepest]))
     if not pattern.rolling[deepest] or len(held) != 1 or half.known[held[0]] < 0:
         return False
-    start = phase.start.position[half.known[held[0]]]
-    middle, now = half.now.position[held[0]], end.now.position[deepest]
+    start = phase.start.contacts.position[half.known[held[0]]]
+    middle, now = half.now.contacts.position[held[0]], end.now.contacts.position[deepest]
     return bool(np.linalg.norm(now - middle) <= 2.0 * np.linalg.norm(middle - start))
 
 

@@ -138,5 +138,6 @@ def _is_far(model: mujoco.MjModel, shift: np.ndarray, reach: float) -> bool:
 
 def _shift(contact_set: ContactSet, least: np.ndarray) -> np.ndarray:
     """Return the shift d with ``J d >= least`` and smallest ``d^T M d``, (nv,)."""
-    solution = solve_with_jump(Problem(contact_set.whitened, least), ("",) * len(least), shared=False)
-    return contact_set.configuration.jump(contact_set.along, solution.impulse)
+    J, Y = contact_set.confined
+    solution = solve_with_jump(Problem(Y, least), ("",) * len(least), shared=False)
+    return contact_set.configuration.jump(J, solution.impulse)
