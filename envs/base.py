@@ -21,7 +21,7 @@ from impactlaw.envs.arguments import box, check_arguments
 from impactlaw.envs.episode_seeds import OUTCOMES, EpisodeSeeds
 from impactlaw.envs.info import impact_info, steps_short
 from impactlaw.envs.law_in_force import LawInForce
-from impactlaw.envs.law_options import LawOptions, check_reset, describe_law, portable_options
+from impactlaw.envs.law_options import LawOptions, check_reset, portable_options
 from impactlaw.envs.logs.episode_log import episode_log
 from impactlaw.envs.rendering import Pictures, has_display
 from impactlaw.errors import ActionError, DivergenceError
@@ -132,7 +132,6 @@ class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
         )  # fmt: skip
         self.seeds = EpisodeSeeds(OUTCOMES)
         self._stepper = self._options.stepper(self.model)
-        self._named = describe_law(self.law)
         self.render_mode = render_mode
         self.observation_space = box(self.OBSERVATION)
         self.action_space = box(self.ACTION)
@@ -176,6 +175,10 @@ class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
         """Duration of a step, s."""
         return self.model.opt.timestep * self.frame_skip
 
+    def simulation(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
+        """Return model and data."""
+        return self.model, self.data
+
     @property
     def spec(self) -> EnvSpec | None:
         """The spec from which `gymnasium.make` makes the same environment; laws in it can be written to JSON."""
@@ -218,7 +221,7 @@ class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
             self._log.begin(self.stepper, self.data, self._in_force, seed=seed, generator=generator)
         if self.render_mode == "human":
             self.render()
-        return self._observation(), impact_info(NOTHING) | self._named
+        return self._observation(), impact_info(NOTHING) | self._law_info()
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Advance by `frame_skip` timesteps.
@@ -250,7 +253,7 @@ class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
             self._log.end_step(action, reward, bool(terminated), diverged)
         if self.render_mode == "human" and not diverged:
             self.render()
-        info = impact_info(sums, short=steps_short(self.stepper) - short, diverged=diverged) | self._named
+        info = impact_info(sums, short=steps_short(self.stepper) - short, diverged=diverged) | self._law_info()
         return self._observation(), float(reward), bool(terminated), diverged, info
 
     def render(self) -> np.ndarray | None:  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -274,11 +277,6 @@ class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
         return self.__dict__ | {"_pictures": pictures, "_log": None}
 
     # -- internal --------------------------------------------------------------------------------------------------
-
-    def use(self, options: LawOptions) -> None:
-        """Put options into force for this episode."""
-        super().use(options)
-        self._named = describe_law(self.law)
 
     def _timestep(self) -> ImpactSums:
         data, stepper = self.data, self.stepper

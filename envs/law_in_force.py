@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from impactlaw.envs.episode_seeds import EpisodeSeeds
-from impactlaw.envs.law_options import LawOptions
+from impactlaw.envs.law_options import LawOptions, describe_law
 from impactlaw.errors import RestitutionError
 from impactlaw.laws import LAWS, Law, takes_restitution
 from impactlaw.stepping.stepper import Stepper
@@ -25,6 +25,7 @@ class LawInForce:
     _stepper: Stepper
     seeds: EpisodeSeeds
     """Seeds for laws that draw their outcomes."""
+    _named: tuple[Law | None, dict[str, Any]] = None, {}
 
     @property
     def law(self) -> Law:
@@ -60,6 +61,12 @@ class LawInForce:
     def in_force(self) -> LawOptions:
         """The law and options of this episode."""
         return self._in_force
+
+    def _law_info(self) -> dict[str, Any]:
+        """Return the entries of ``info`` about the law in force, which are made once for each law."""
+        if self._named[0] is not self.law:
+            self._named = self.law, describe_law(self.law)
+        return self._named[1]
 
     def use(self, options: LawOptions) -> None:
         """Put options into force for this episode."""

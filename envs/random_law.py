@@ -24,9 +24,7 @@ def _in_force(name: str, found: Callable[[Stepper], Any]) -> property:
     """Return a read-only property of the wrapped environment: the next reset would overwrite an assigned value."""
 
     def get(self: RandomLaw) -> Any:
-        stepper = law_holder(self.env).stepper
-        assert stepper is not None  # the holder has a law
-        return found(stepper)
+        return found(law_holder(self.env).stepper)
 
     def refuse(self: RandomLaw, value: Any) -> None:
         raise SettledError(f"{name} of {type(self).__name__} cannot be set to {value!r:.100}: it is drawn; {_INSTEAD}")

@@ -6,13 +6,12 @@ import re
 from typing import Any
 
 import gymnasium
-import mujoco
 import numpy as np
 
 from impactlaw.envs.base import ImpactEnv
 from impactlaw.envs.law_holder import law_holder
 from impactlaw.envs.logs.how_made import how_made
-from impactlaw.envs.wrapper import ImpactLaw
+from impactlaw.envs.placing.placed_law import PlacedLaw
 from impactlaw.errors import RecordingError
 from impactlaw.recording import Episode
 from impactlaw.recording.properties import law_name
@@ -65,10 +64,10 @@ def restart(env: gymnasium.Env, episode: Episode, *, allow_law_changes: bool = F
     return found
 
 
-def _check_same(env: gymnasium.Env, holder: ImpactLaw | ImpactEnv, episode: Episode) -> None:
+def _check_same(env: gymnasium.Env, holder: PlacedLaw | ImpactEnv, episode: Episode) -> None:
     """Raise if name, scene or contact model differ: a later check would report it less clearly."""
     spec = env.unwrapped.spec
-    if holder.stepper is not None and episode.qpos.size:
+    if episode.qpos.size:
         model = holder.stepper.model
         size, recorded = (model.nq, model.nv), (episode.qpos.shape[1], episode.qvel.shape[1])
         if size != recorded:
@@ -79,17 +78,16 @@ def _check_same(env: gymnasium.Env, holder: ImpactLaw | ImpactEnv, episode: Epis
         raise _other(episode, f"contact_model={episode.contact_model!r}", f"contact_model={holder.contact_model!r}")
 
 
-def _check_made(holder: ImpactLaw | ImpactEnv, episode: Episode) -> None:
+def _check_made(holder: PlacedLaw | ImpactEnv, episode: Episode) -> None:
     """Raise if the environment steps differently from the recorded one."""
-    inside = holder if isinstance(holder, ImpactEnv) else holder.placed
-    mine = how_made(inside.in_force, _simulation(holder)[0], inside.frame_skip)
+    mine = how_made(holder.in_force, holder.simulation()[0], holder.frame_skip)
     other = [name for name, value in episode.made.items() if name in mine and value != mine[name]]
     if other:
         recorded, given = (", ".join(f"{name}={made[name]!r}" for name in other) for made in (episode.made, mine))
         raise _other(episode, recorded, f"one with {given}")
 
 
-def _check_law(holder: ImpactLaw | ImpactEnv, episode: Episode) -> None:
+def _check_law(holder: PlacedLaw | ImpactEnv, episode: Episode) -> None:
     """Raise if the law differs, for recorded laws that could not be written as reset options."""
     law, recorded = law_name(holder.law) or "", episode.law
     if not episode.settings and recorded is not None:
@@ -99,19 +97,15 @@ def _check_law(holder: ImpactLaw | ImpactEnv, episode: Episode) -> None:
             raise _other(episode, f"law {recorded:.200}", f"one with {law:.200}")
 
 
-def _check_start(holder: ImpactLaw | ImpactEnv, episode: Episode) -> None:
+def _check_start(holder: PlacedLaw | ImpactEnv, episode: Episode) -> None:
     """Raise if the environment starts in another state than the recorded one."""
-    data = _simulation(holder)[1]
+    data = holder.simulation()[1]
     for name, mine, recorded in (("qpos", data.qpos, episode.qpos), ("qvel", data.qvel, episode.qvel)):
         if not len(recorded) or np.array_equal(mine, recorded[0], equal_nan=True):
             continue
         i = int(np.flatnonzero(mine != recorded[0])[0])
         why = f"a start with {name}[{i}] = {recorded[0][i]:.9g}"
         raise _other(episode, why, f"one with {mine[i]:.9g}, as by other noise at resets")
-
-
-def _simulation(holder: ImpactLaw | ImpactEnv) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    return (holder.model, holder.data) if isinstance(holder, ImpactEnv) else holder.placed.simulation()
 
 
 def _other(episode: Episode, recorded: str, given: str) -> RecordingError:

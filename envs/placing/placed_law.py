@@ -11,11 +11,10 @@ import mujoco
 from impactlaw.envs.episode_seeds import OUTCOMES, EpisodeSeeds
 from impactlaw.envs.info import impact_info, steps_short
 from impactlaw.envs.law_in_force import LawInForce
-from impactlaw.envs.law_options import LawOptions, describe_law
+from impactlaw.envs.law_options import LawOptions
 from impactlaw.envs.logs.episode_log import EpisodeLog
 from impactlaw.envs.placing.contact_forces import ContactForces
 from impactlaw.errors import DivergenceError, WrapperError
-from impactlaw.laws import Law
 from impactlaw.settled import Settled
 from impactlaw.stepping.impact_event import NOTHING, ImpactEvent, LazyEvents
 from impactlaw.stepping.integration import is_huge
@@ -58,7 +57,6 @@ class PlacedLaw(LawInForce, ABC):
         self.seeds = EpisodeSeeds(OUTCOMES)
         self._forces: ContactForces | None = None
         self.clear()
-        self._named: tuple[Law | None, dict[str, Any]] = None, {}
         self._install(self.simulation()[0])
 
     @property
@@ -68,9 +66,7 @@ class PlacedLaw(LawInForce, ABC):
 
     def info(self) -> dict[str, int | float | str]:
         """Return the entries of `impact_info` for the last environment step, and the law and restitution in force."""
-        if self._named[0] is not self.law:
-            self._named = self.law, describe_law(self.law)
-        return {**impact_info(self._sums, short=self._short, diverged=self.diverged), **self._named[1]}
+        return impact_info(self._sums, short=self._short, diverged=self.diverged) | self._law_info()
 
     def clear(self) -> None:
         """Forget the last environment step."""
