@@ -12,7 +12,7 @@ import tyro
 
 import impactlaw
 from impactlaw.comparison import Comparison
-from impactlaw.errors import ImpactLawError, RecordingError, SceneError, StudyError, needs_matplotlib
+from impactlaw.errors import ImpactLawError, RecordingError, SceneError, StudyError, check_installed
 from impactlaw.signals import ended_by_signals
 from impactlaw.wording import in_options, warnings_of
 
@@ -94,7 +94,7 @@ class Identify:
         out = Path("out") / self.file.stem / "law.json" if self.out is None else self.out
         if out.suffix != ".json":
             raise MeasurementError(f"the law is written as JSON, but {out} does not end with .json")
-        needs_matplotlib("the picture of a fit")
+        check_installed("matplotlib", "the picture of a fit")
         found = study(self.file, family=self.family, folds=self.folds, contacts=self.contacts)
         assert found.best.law is not None
         with new_files_in(out.parent) as folder:
@@ -147,7 +147,7 @@ class RunStudy:
 
         names = ("tasks", "act", "train", "policies", "schemes", "seeds", "episodes", "steps")
         given: dict[str, Any] = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
-        needs_matplotlib("the picture of a study")
+        check_installed("matplotlib", "the picture of a study")
         if self.quick and given:
             raise StudyError(f"--quick is a study of its own: leave it out, or --{', --'.join(given)}")
         if not self.quick and not {"tasks", "act"} <= set(given):

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import difflib
+import importlib.util
 import inspect
 import warnings
 from collections.abc import Iterable, Sequence
-from importlib.util import find_spec
 
 import numpy as np
 
@@ -129,10 +129,10 @@ class MissingExtraError(ImpactLawError, ImportError):
         super().__init__(f"{what} needs {package}, which is not installed: pip install {install}")
 
 
-def needs_matplotlib(what: str) -> None:
-    """Raise `MissingExtraError` if matplotlib is not installed; `what` would need it after much other work."""
-    if find_spec("matplotlib") is None:
-        raise MissingExtraError(what, "matplotlib")
+def check_installed(package: str, what: str, extra: str | None = None) -> None:
+    """Raise `MissingExtraError` if a package is not installed that `what` needs, perhaps only after much other work."""
+    if importlib.util.find_spec(package.replace("-", "_")) is None:
+        raise MissingExtraError(what, package, extra)
 
 
 class UncompilableError(ImpactLawError, ImportError):

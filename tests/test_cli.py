@@ -43,7 +43,8 @@ def test_the_version_is_that_of_the_package(capsys, monkeypatch):
 )
 def test_without_matplotlib_commands_that_draw_say_so_before_they_begin(words, what, run, tmp_path, monkeypatch):
     find = importlib.util.find_spec
-    monkeypatch.setattr("impactlaw.errors.find_spec", lambda name: None if name == "matplotlib" else find(name))
+    hidden = {"matplotlib": None}
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *of: hidden.get(name, find(name, *of)))
     told = f"impactlaw: the picture of {what} needs matplotlib, which is not installed: pip install matplotlib\n"
     assert run(*words) == (2, "", told)
     assert not list(tmp_path.iterdir())

@@ -16,7 +16,7 @@ from impactlaw.comparison import Comparison
 from impactlaw.comparison.pictures import draw, freedom_names
 from impactlaw.comparison.runs import Run, run_law, run_soft
 from impactlaw.comparison.soft_contact import tuned_contacts
-from impactlaw.errors import OptionError, RestitutionError, SceneError, needs_matplotlib
+from impactlaw.errors import OptionError, RestitutionError, SceneError, check_installed
 from impactlaw.laws import LAWS, Fremond, Law, make_law, takes_restitution
 from impactlaw.laws.base import coefficient
 from impactlaw.laws.restitution.from_scene import scene_law, scene_number, scene_restitution
@@ -43,7 +43,7 @@ def compare(study: Comparison, folder: Path) -> pd.DataFrame:
         RestitutionError: a coefficient is not in [0, 1], or a restitution is given but no law takes it.
         MissingExtraError: matplotlib is not installed.
     """
-    needs_matplotlib("the picture of a comparison")
+    check_installed("matplotlib", "the picture of a comparison")
     model, start = load(study.scene)
     name = Path(study.scene).stem
     if study.timestep is not None:

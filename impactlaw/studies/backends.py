@@ -3,14 +3,13 @@
 # pyright: reportMissingImports=false
 from __future__ import annotations
 
-import importlib.util
 import logging
 import signal
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
-from impactlaw.errors import MissingExtraError, StudyError, UnknownNameError
+from impactlaw.errors import StudyError, UnknownNameError, check_installed
 
 Jobs = Iterable[Callable[[], Any]]
 PROCESSES, DASK, RAY = "loky", "dask", "ray"
@@ -48,10 +47,10 @@ def check_workers(backend: str, address: str | None, jobs: int) -> None:
         raise UnknownNameError("backend", backend, {*BACKENDS, DASK, RAY})
     if address is not None and backend not in (DASK, RAY):
         raise StudyError(f"an address means nothing to {backend!r}; it is that of a cluster of {DASK!r} or {RAY!r}")
-    module = {DASK: "distributed", RAY: "ray"}.get(backend)
-    if module is not None and importlib.util.find_spec(module) is None:
-        raise MissingExtraError(f"the backend {backend!r}", module, "cluster")
-    if module is None:
+    package = {DASK: "distributed", RAY: "ray"}.get(backend)
+    if package is not None:
+        check_installed(package, f"the backend {backend!r}", "cluster")
+    else:
         with joblib.parallel_config(backend):
             _parallel(backend, jobs)
 

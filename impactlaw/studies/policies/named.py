@@ -12,11 +12,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from impactlaw.errors import StudyError, UnknownNameError
+from impactlaw.errors import StudyError, UnknownNameError, check_installed
 from impactlaw.studies.environments import Conditions, is_own
 from impactlaw.studies.laws import StatedLaw
 from impactlaw.studies.policies.controllers import CONTROLLERS
-from impactlaw.studies.policies.training import load, needs_training_extra
+from impactlaw.studies.policies.training import load
 from impactlaw.studies.study import PPO, SCRIPTED, Scheme
 
 Controller = Callable[[Any], Any]
@@ -44,7 +44,7 @@ def policies_of(name: str, task: str, scheme: Scheme, laws: Sequence[StatedLaw])
         MissingExtraError: the policy needs a package that is not installed.
     """
     if name == PPO:
-        needs_training_extra(f"training by {PPO!r}")
+        check_installed("stable-baselines3", f"training by {PPO!r}", "train")
         each = [Conditions(task, law, scheme) for law in laws]
         return [Policy(PPO, own.law.text, {"policy": PPO, "under": own.settings()}, training=own) for own in each]
     if name == SCRIPTED:
@@ -85,7 +85,7 @@ def _scripted(task: str, laws: Sequence[StatedLaw]) -> list[Policy]:
 
 
 def _from_file(path: Path, name: str) -> Policy:
-    needs_training_extra(f"the trained policy {name}")
+    check_installed("stable-baselines3", f"the trained policy {name}", "train")
     try:
         content = path.read_bytes()
         load(io.BytesIO(content))

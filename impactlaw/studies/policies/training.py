@@ -3,23 +3,16 @@
 # pyright: reportMissingImports=false
 from __future__ import annotations
 
-import importlib.util
 import io
 import zipfile
 from typing import Any
 
-from impactlaw.errors import MissingExtraError, StudyError
+from impactlaw.errors import StudyError
 from impactlaw.studies.environments import Conditions
 
 ENVIRONMENTS = 64
 PPO_SETTINGS = {"n_steps": 256, "batch_size": 256}
 """With 64 environments these give 16 384 steps between updates, as the defaults do with eight, and larger batches."""
-
-
-def needs_training_extra(what: str) -> None:
-    """Raise MissingExtraError if stable-baselines3 is not installed; `what` needs it."""
-    if importlib.util.find_spec("stable_baselines3") is None:
-        raise MissingExtraError(what, "stable-baselines3", "train")
 
 
 def train(conditions: Conditions, steps: int, seed: int) -> bytes:
