@@ -54,14 +54,11 @@ class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
         restitution: argument of the law; the scene's own coefficient if the law needs one and none is given.
         contact_model: "rigid", or "soft" for MuJoCo's contacts between collisions.
         scheme: scheme of rigid contact: "event-driven", the default, or "time-stepping"; see `Stepper`.
-        friction: friction of rigid contact and of soft collisions: "coulomb", the default, "convex" or "ignore"; see
-            `Stepper`.
+        friction: "coulomb", the default, "convex" or "ignore"; see `Stepper`.
         frame_skip: timesteps per step; the environment's default if not given.
         render_mode: "rgb_array", "human" or None.
         log: file in which to record every timestep (`impactlaw.recording`), from the first reset until `close`, such as
-            ``run.rrd``, or ``run-{env}-{episode}.rrd`` for one file per environment and episode (`EpisodeLog`).
-            Existing files are never overwritten: ``{env}`` takes the next free number, and without it an existing file
-            is an error.
+            ``run.rrd``, or ``run-{env}-{episode}.rrd``; see `EpisodeLog`.
         log_every: record every log_every-th episode, starting with the first.
         width: width of pictures, pixels.
         height: height of pictures, pixels.

@@ -31,9 +31,7 @@ class LawInForce:
     def law(self) -> Law:
         """The law in force; assign anything that the argument `law` accepts, to be in force from the next step on.
 
-        Raises:
-            UnknownNameError: as for the argument; the law does not change.
-            RestitutionError: as for the argument; the law does not change.
+        What that argument would refuse is refused here, too, and then the law does not change.
         """
         return self._stepper.law
 

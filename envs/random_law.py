@@ -52,9 +52,7 @@ class RandomLaw(gymnasium.Wrapper, RecordConstructorArgs):
 
     Raises:
         WrapperError: the environment has no impact law.
-        OptionError: a list to choose from is empty, or the distribution reaches beyond [0, 1].
-        UnknownNameError: there is no such law.
-        RestitutionError: a law cannot have such a restitution.
+        ImpactLawError: as raised by `LawDistribution`.
     """
 
     laws = Settled(_INSTEAD)

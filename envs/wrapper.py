@@ -65,8 +65,7 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         contact_model: "soft" keeps MuJoCo's contacts and friction between collisions. With "rigid", the law governs all
             contact, with exact Coulomb friction, and overlaps after a reset are pushed open.
         scheme: scheme of rigid contact: "time-stepping", the default, or "event-driven"; see `Stepper`.
-        friction: friction of rigid contact and of soft collisions: "coulomb", the default, "convex" or "ignore"; see
-            `Stepper`.
+        friction: "coulomb", the default, "convex" or "ignore"; see `Stepper`.
         rest_speed: closing speed, m/s, above which a contact collides; see `Stepper`.
         on_inadmissible: what to do with an outcome of the law outside S(v-): "raise", "project" it onto S(v-), or
             "allow" it; ``info["impact/inadmissible"]`` counts such outcomes.
@@ -79,10 +78,7 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
             timesteps of the environment step, on top of MuJoCo's forces in the last timestep. With rigid time stepping,
             ``cfrc_ext`` is then the mean of all contact forces over the timesteps.
         log: file in which to record every timestep, from the first reset until `close`, such as ``run.rrd``, or
-            ``run-{env}-{episode}.rrd`` for one file per environment and episode (`EpisodeLog`). Existing files are
-            never overwritten: ``{env}`` takes the next free number, and without it an existing file is an error. A
-            model that the environment compiles later is recorded in ``name-2.rrd`` and so on. A copy of the wrapper
-            does not record.
+            ``run-{env}-{episode}.rrd``; see `EpisodeLog`. A copy of the wrapper does not record.
         log_every: record every log_every-th episode, starting with the first.
 
     Raises:
@@ -140,10 +136,8 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
     def law(self) -> Law | None:
         """The law in force, or None after `remove`; a law assigned to it is in force from the next step on.
 
-        Raises:
-            UnknownNameError: as in the constructor; the law does not change.
-            RestitutionError: as in the constructor; the law does not change.
-            WrapperError: the law was removed.
+        Assigning raises the errors of the constructor, and then the law does not change; or WrapperError, if the law
+        was removed.
         """
         return None if self._placed is None else self._placed.law
 

@@ -175,12 +175,7 @@ class EpisodeLog:
 
 
 def episode_log(path: str | Path | None, every: int) -> EpisodeLog | None:
-    """Return the log of an environment; None if path is None.
-
-    Raises:
-        OptionError: the path has other fields; ``every`` is not a positive integer; or it is given without a path.
-        RecordingError: the folder does not exist; or the path has no fields, and the file exists.
-    """
+    """Return the log of an environment; None if path is None. Refuse an ``every`` that is no count, or lacks a path."""
     check_count("log_every", every)
     if path is None and every != 1:
         raise OptionError(f"log_every={every} means nothing without log")

@@ -42,16 +42,11 @@ def put_law(
     raises its `PhysicsError`, as without the law. A copy of the environment, or of its physics, has the law too, but
     does not record; `placed_law` returns its handle.
 
-    The arguments are those of `ImpactLaw`. A log also has actions and rewards of steps that are taken through this
-    environment, or through a wrapper that steps it.
+    The arguments and errors are those of `ImpactLaw`. A log also has actions and rewards of steps that are taken
+    through this environment, or through a wrapper that steps it.
 
     Raises:
         WrapperError: the environment is not one of dm_control, or has a law already.
-        UnknownNameError: there is no such law or option, or the law is keyed by contacts that the scene cannot have.
-        RestitutionError: the restitution does not fit the law.
-        SceneError: the scene has a flex or delays and contact_model is "rigid"; or an option has no meaning there.
-        OptionError: rest_speed is not a speed, log_every is not a positive integer, or log has unknown fields.
-        RecordingError: the recording exists already.
     """
     if isinstance(env, gymnasium.Env) or not hasattr(env, "physics"):
         hint = "use impactlaw.envs.ImpactLaw" if isinstance(env, gymnasium.Env) else "it has no physics"
