@@ -62,17 +62,11 @@ def matrix_intervals(
     pushed = [weighted[active[:, i]] for i in range(h)]
     rank = min(int(np.linalg.matrix_rank(rows, tol=1e-8 * np.sqrt(len(rows)))) if len(rows) else 0 for rows in pushed)
     nothing = dict.fromkeys(np.ndindex(h, h), _NAN)
-    w = np.linalg.eigvalsh(problem.quadratic(active).H)
+    derivatives, constants = zip(*problem.equations(active), strict=True)
+    w = np.linalg.eigvalsh(sum(D.T @ D for D in derivatives))
     if w[0] <= _RANK * max(w[-1], 1e-300) or problem.bound(F) >= 1.0 - 1e-9:
         return nothing, rank
-    E, derivatives, errors = problem.matrix(F), [], []
-    for i in range(len(active)):
-        A = np.flatnonzero(active[i])
-        L = np.linalg.cholesky(problem.G[i][np.ix_(A, A)])
-        rows = np.linalg.solve(L, problem.root[A]) / problem.speeds[i]
-        derivatives.append(np.kron(rows, problem.before[i] @ problem.inverse_root))
-        left = (problem.after[i] + E @ problem.before[i])[A] / problem.speeds[i]
-        errors.append(np.linalg.solve(L, left))
+    E, errors = problem.matrix(F), [D @ F.ravel() + e for D, e in zip(derivatives, constants, strict=True)]
     widths = _widths(derivatives, errors, np.kron(problem.root, problem.inverse_root.T)).reshape(h, h)
     return {at: (float(E[at] - widths[at]), float(E[at] + widths[at])) for at in nothing}, rank
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -63,18 +62,18 @@ class MatrixFit:
         lengths = np.sqrt(np.einsum("nii->ni", self.G))
         return impulse * lengths / self.speeds[:, None]
 
-    def quadratic(self, active: np.ndarray) -> Quadratic:
-        """Return the sum of squares over the contacts that carry impulses, bool (n, h), as a function of F."""
-        h = self.before.shape[1]
-        H, g = np.zeros((h, h, h, h)), np.zeros((h, h))
-        for which, A in _by_contacts(active):
-            W = np.zeros((len(which), h, h))
-            W[:, A[:, None], A] = np.linalg.inv(self.G[which][:, A[:, None], A])
-            W = self.root @ W @ self.root / (self.speeds[which] ** 2)[:, None, None]
-            a, b = self.before[which] @ self.inverse_root, self.after[which] @ self.inverse_root
-            H += np.einsum("nij,nk,nl->ikjl", W, a, a, optimize=True)
-            g += np.einsum("nij,nj,nk->ik", W, b, a, optimize=True)
-        return Quadratic(H.reshape(h * h, h * h), g.ravel())
+    def equations(self, active: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return D, (r, h^2), and e, (r,), of each collision, given which contacts carry impulses, bool (n, h).
+
+        Its squared error is ``|D x + e|^2``, where x are the entries of F, row by row.
+        """
+        found = []
+        each = zip(self.G, self.before @ self.inverse_root, self.after, self.speeds, active, strict=True)
+        for G, before, after, speed, A in each:
+            L = np.linalg.cholesky(G[np.ix_(A, A)])
+            rows = np.linalg.solve(L, np.column_stack([self.root[A], after[A]])) / speed
+            found.append((np.kron(rows[:, :-1], before), rows[:, -1]))
+        return found
 
     def matrix(self, F: np.ndarray) -> np.ndarray:
         """Return ``E = G^1/2 F G^-1/2``."""
@@ -126,27 +125,18 @@ class MatrixFit:
             F, own, error = trial, found, better
         return F, own
 
-    def gradient(self, F: np.ndarray, active: np.ndarray) -> np.ndarray:
-        """Return the gradient of the sum of squares, (h, h), from residuals: more accurate than from H and g."""
-        E, total = self.matrix(F), np.zeros_like(F)
-        residual = self.after + self.before @ E.T
-        for which, A in _by_contacts(active):
-            force = np.linalg.solve(self.G[which][:, A[:, None], A], residual[which][:, A, None])[..., 0]
-            weighted = force / (self.speeds[which] ** 2)[:, None]
-            total += self.root[:, A] @ (weighted.T @ (self.before[which] @ self.inverse_root))
-        return total
-
     def _best(self, active: np.ndarray, admissible: bool) -> np.ndarray:
-        q, h = self.quadratic(active), len(self.root)
+        D, e = map(np.concatenate, zip(*self.equations(active), strict=True))
+        q, h = Quadratic(D.T @ D, D.T @ e), len(self.root)
         if admissible:
             F = self._admissible(q)
         else:
             F = constrained(q, h)
             inverse = np.linalg.pinv(q.H, rcond=_RANK, hermitian=True)
-            for _ in range(_REFINEMENTS):
+            for _ in range(_REFINEMENTS):  # with residuals, which are more accurate than H and g
                 if np.linalg.norm(F, 2) >= 1.0 - 1e-9:
                     break
-                F = F - (inverse @ self.gradient(F, active).ravel()).reshape(h, h)
+                F = F - (inverse @ (D.T @ (D @ F.ravel() + e))).reshape(h, h)
         return F / max(1.0, self.bound(F))
 
     def _admissible(self, q: Quadratic) -> np.ndarray:
@@ -170,13 +160,6 @@ class MatrixFit:
             if max(np.abs(maps @ x - z).max(), np.abs(z - before).max()) < _SPLIT_DONE:
                 break
         return clipped(x.reshape(h, h))
-
-
-def _by_contacts(active: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield, for each nonempty set of contacts that carry impulses, the collisions with this set, and the contacts."""
-    for pattern in np.unique(active, axis=0):
-        if pattern.any():
-            yield np.flatnonzero((active == pattern).all(axis=1)), np.flatnonzero(pattern)
 
 
 def clipped(F: np.ndarray) -> np.ndarray:
