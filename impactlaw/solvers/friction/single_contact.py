@@ -5,6 +5,7 @@ from __future__ import annotations
 from math import atan2, cos, hypot, sin
 
 import numpy as np
+import scipy
 
 from impactlaw.solvers.friction.problem import ConeProblem
 
@@ -34,29 +35,13 @@ def single(problem: ConeProblem, guess: np.ndarray | None) -> np.ndarray | None:
         return None
     if m == 1:
         return np.array([[-b[0] / G[0][0]]])
-    stuck = _stuck(G, b)
-    if stuck is not None and hypot(*stuck[1:]) <= stuck[0]:
-        return np.array([stuck])
+    factor, stuck, failed = scipy.linalg.lapack.dposv(problem.delassus, -problem.start[0])
+    independent = not failed and (factor.diagonal() ** 2 > SINGULAR * problem.delassus.diagonal()).all()
+    if independent and hypot(*stuck[1:]) <= stuck[0]:
+        return stuck[None]
     if m == 2:
         return _along_a_line(G, b)
     return _in_a_plane(G, b, b if guess is None or not np.count_nonzero(guess[1:]) else (-guess).tolist())
-
-
-def _stuck(G: list[list[float]], b: list[float]) -> list[float] | None:
-    """Return ``-G^-1 b`` by elimination; None if G is singular."""
-    rows = [[*row, -value] for row, value in zip(G, b, strict=True)]
-    n = len(b)
-    for i in range(n):
-        pivot = rows[i][i]
-        if pivot <= SINGULAR * G[i][i]:
-            return None
-        for j in range(i + 1, n):
-            part = rows[j][i] / pivot
-            rows[j] = [one - part * other for one, other in zip(rows[j], rows[i], strict=True)]
-    x = [0.0] * n
-    for i in reversed(range(n)):
-        x[i] = (rows[i][n] - sum(rows[i][j] * x[j] for j in range(i + 1, n))) / rows[i][i]
-    return x
 
 
 def _along_a_line(G: list[list[float]], b: list[float]) -> np.ndarray | None:
