@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -119,67 +119,36 @@ class _Reasons:
     flags: dict[str, bool]
 
     def rigid(self) -> Iterator[Part]:
+        model, geoms = self.model, self.pairs.geoms
         yield self._detection()
-        rk4 = self.model.opt.integrator == _RK4
+        rk4 = model.opt.integrator == _RK4
         stages = "once, at the end of a smooth phase" if rk4 else "the integrator has one stage"
         yield Part("collision detection at every stage of the integrator", False, stages)
-        yield from self._shapes()
+        convex, flat = touching_distance(model, geoms) > 0, several_contacts(model, geoms)
+        many = ~one_contact(model, geoms)
+        thin = f"the thinnest pair measures {2 * thickness(model)[geoms].sum(axis=1).min(initial=np.inf):.3g} m"
+        turns = "some bodies that can meet others, or planes, are not round"
+        for part in (
+            ("convex", "exact settings for general convex shapes", convex, "distances of all pairs have closed forms"),
+            ("faces", "second detection, for several contacts between faces", flat, "no cylinder or mesh meets a face"),
+            ("points", "matching of contact points from phase to phase", many, "no pair has more than one contact"),
+            ("passing", "check that nothing passes through another body", thin, "bodies meet planes only"),
+            ("turning", "bound on rotation within a smooth phase", turns, "all that can meet is round"),
+        ):
+            yield self._part(*part)
         yield self._solver()
-        yield self._part(
-            "inertia",
-            "new factor of the mass matrix at every collision",
-            lambda: "the mass matrix depends on the configuration",
-            "the mass matrix is constant: factored once",
-        )
-        yield self._part(
-            "rest",
-            "trial of the last contact forces, for scenes at rest",
-            lambda: "contacts are not looked at, nor forces solved for, while it lasts",
-            "equality constraints or limits of tendons",
-        )
+        name, why = "new factor of the mass matrix at every collision", "the mass matrix depends on the configuration"
+        yield self._part("inertia", name, why, "the mass matrix is constant: factored once")
+        name, why = "trial of the last contact forces, for scenes at rest", "equality constraints or limits of tendons"
+        yield self._part("rest", name, "contacts are not looked at, nor forces solved for, while it lasts", why)
         yield from self._mujoco()
         yield from self._friction()
         yield Part("copies for events and logs", False, "made when something collides")
 
-    def _shapes(self) -> Iterator[Part]:
-        geoms, first = self.pairs.geoms, self._first
-        yield self._part(
-            "convex",
-            "exact settings for general convex shapes",
-            lambda: first(touching_distance(self.model, geoms) > 0),
-            "distances of all pairs have closed forms",
-        )
-        yield self._part(
-            "faces",
-            "second detection, for several contacts between faces",
-            lambda: first(several_contacts(self.model, geoms)),
-            "no cylinder or mesh meets a face",
-        )
-        yield self._part(
-            "points",
-            "matching of contact points from phase to phase",
-            lambda: first(~one_contact(self.model, geoms)),
-            "no pair has more than one contact",
-        )
-        thin = thickness(self.model)[geoms].sum(axis=1)
-        yield self._part(
-            "passing",
-            "check that nothing passes through another body",
-            lambda: f"the thinnest pair measures {2 * thin.min():.3g} m",
-            "bodies meet planes only",
-        )
-        yield self._part(
-            "turning",
-            "bound on rotation within a smooth phase",
-            lambda: "some bodies that can meet others, or planes, are not round",
-            "all that can meet is round",
-        )
-
     def time_stepping(self) -> Iterator[Part]:
         yield self._detection()
-        yield Part(
-            "location of collisions in time", False, "one look at contacts, one problem for all of them, every step"
-        )
+        once = "one look at contacts, one problem for all of them, every step"
+        yield Part("location of collisions in time", False, once)
         rk4 = self.model.opt.integrator == _RK4
         yield Part("stages of the integrator", False, "RK4 becomes the midpoint rule" if rk4 else "it has one")
         yield self._solver()
@@ -197,29 +166,27 @@ class _Reasons:
         why_not = "no mocap body collides, and no belt has friction"
         if self.model.geom_surfacevel.any() and not self.model.flg_surfacevel:
             why_not = "the model was compiled without surfacevel: as in MuJoCo, what was written there later is ignored"
-        yield self._part("surfaces", "moving surfaces", lambda: self._first(moves), why_not)
+        yield self._part("surfaces", "moving surfaces", moves, why_not)
 
     def soft(self) -> Iterator[Part]:
         yield self._detection()
         rk4 = self.model.opt.integrator == _RK4
-        yield Part(
-            "second look at the end of a step that met new contacts",
-            rk4 and self.flags["detection"],
-            "RK4's stages look ahead" if rk4 else "the integrator evaluates forces at the start of the step only",
-        )
+        why = "RK4's stages look ahead" if rk4 else "the integrator evaluates forces at the start of the step only"
+        yield Part("second look at the end of a step that met new contacts", rk4 and self.flags["detection"], why)
         yield self._solver()
         yield from self._mujoco()
         yield from self._friction()
         yield Part("sustained contact and its friction", False, "MuJoCo's own")
 
-    def _first(self, chosen: np.ndarray) -> str:
-        geoms, names = self.pairs.geoms, geom_names(self.model)
-        a, b = geoms[int(np.argmax(chosen))]
-        return f"{int(np.count_nonzero(chosen))} of {len(geoms)} pairs, {names[a]}/{names[b]} among them"
-
-    def _part(self, flag: str, name: str, why: Callable[[], str], why_not: str) -> Part:
-        runs = self.flags[flag]
-        return Part(name, runs, why() if runs else why_not if self.flags["detection"] else "no two geoms can meet")
+    def _part(self, flag: str, name: str, why: str | np.ndarray, why_not: str) -> Part:
+        """Return a part with the reason why it runs, which may be the pairs that need it, bool (p,), or why not."""
+        if not self.flags[flag]:
+            return Part(name, False, why_not if self.flags["detection"] else "no two geoms can meet")
+        if isinstance(why, np.ndarray):
+            geoms, names = self.pairs.geoms, geom_names(self.model)
+            a, b = geoms[int(np.argmax(why))]
+            why = f"{int(np.count_nonzero(why))} of {len(geoms)} pairs, {names[a]}/{names[b]} among them"
+        return Part(name, True, why)
 
     def _detection(self) -> Part:
         n = len(self.pairs.geoms)
