@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import StrEnum
 from functools import cached_property
 from math import sqrt
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -118,9 +119,5 @@ class Solution(NamedTuple):
     residual: float = 0.0
 
 
-class Solver(Protocol):
-    """A function from a problem to a solution, which never raises for a problem that it cannot solve."""
-
-    def __call__(self, problem: Problem) -> Solution:
-        """Solve one problem."""
-        ...
+Solver = Callable[[Problem], Solution]
+"""A function from a problem to a solution, which never raises for a problem that it cannot solve."""
