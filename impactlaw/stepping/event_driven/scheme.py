@@ -31,14 +31,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from impactlaw.errors import (
-    DivergenceError,
-    OverlapError,
-    SceneError,
-    SolverError,
-    UnfinishedStepError,
-    UnsolvableLawError,
-)
+from impactlaw.errors import DivergenceError, OverlapError, SolverError, UnfinishedStepError, UnsolvableLawError
 from impactlaw.laws import Law
 from impactlaw.mechanics.kinetic_metric import KineticMetric
 from impactlaw.scene.contacts import update_positions
@@ -98,8 +91,6 @@ class RigidStepping:
         push_out: bool = False,
         rest: RestOfStep | None = None,
     ):
-        if not 0 < gap_tolerance < np.inf:
-            raise SceneError(f"gap_tolerance must be a positive length, got {gap_tolerance}")
         check_resolved(model, gap_tolerance)
         check_rigid(model)
         self._model = model

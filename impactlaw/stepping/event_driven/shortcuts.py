@@ -4,14 +4,14 @@
 - `Together`: contacts are closed and still without any force, and closed afterwards.
 - `Rest`: nothing moved in the last step, and nothing moves in this one if the contacts exert the same forces.
 
-A shortcut tries one smooth phase for the whole step. If its condition does not hold at the end, the phase is undone and
-the step is taken in the usual way.
+A shortcut is a fact about the last step that may also hold in the next one, which starts where the last one ended. Its
+`lasts` tries one smooth phase for the whole step, and returns the shortcut for the step after it. If the condition does
+not hold at the end, `lasts` returns None, the phase is undone and the step is taken in the usual way.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import mujoco
 import numpy as np
@@ -25,22 +25,14 @@ from impactlaw.stepping.integration import saved_qpos, saved_qvel
 _MANY = 100  # number of pairs of geoms that can meet, above which some that are in reach of each other are often apart
 
 
-class Shortcut(Protocol):
-    """A fact about the last step that may also hold in the next one, which starts where the last one ended."""
-
-    def lasts(self, phases: SmoothPhases) -> Shortcut | None:
-        """Advance by a timestep; return the shortcut for the next step, or None if this step has to be undone."""
-        ...
-
-
 @dataclass(frozen=True, eq=False)
 class Apart:
     """No contact is near."""
 
     frames: Frames | None  # frames of all geoms at the start of the step; None if no body can pass through another
 
-    def lasts(self, phases: SmoothPhases) -> Shortcut | None:
-        """See `Shortcut`."""
+    def lasts(self, phases: SmoothPhases) -> Apart | None:
+        """Advance by a timestep; return the shortcut for the next one, or None."""
         if not phases.stay_apart(self.frames):
             return None
         return self if self.frames is None else Apart(phases.frames())
@@ -56,8 +48,8 @@ class Together:
     pattern: Pattern  # pattern of these contacts, the only ones that are near
     frames: Frames | None  # frames of all geoms at the start of the step, where they are worth a copy; else None
 
-    def lasts(self, phases: SmoothPhases) -> Shortcut | None:
-        """See `Shortcut`."""
+    def lasts(self, phases: SmoothPhases) -> Together | None:
+        """Advance by a timestep; return the shortcut for the next one, or None."""
         if not phases.stay_together(self.pattern, self.frames):
             return None
         return self if self.frames is None else Together(self.pattern, phases.frames())
@@ -80,8 +72,8 @@ class Rest:
     pattern: Pattern  # of the contacts
     gaps: np.ndarray  # gaps that MuJoCo has found, m
 
-    def lasts(self, phases: SmoothPhases) -> Shortcut | None:
-        """See `Shortcut`."""
+    def lasts(self, phases: SmoothPhases) -> Rest | None:
+        """Advance by a timestep; return the shortcut for the next one, or None."""
         if not phases.is_steady:
             return None
         phases.advance(phases.options.timestep, self.force)
@@ -93,6 +85,9 @@ class Rest:
             if len(gaps) == len(self.gaps) and mujoco.mju_norm(gaps - self.gaps) <= self.correction:
                 return self
         return None
+
+
+Shortcut = Apart | Together | Rest
 
 
 def find_together(phases: SmoothPhases, end: ContactState) -> Together | None:
