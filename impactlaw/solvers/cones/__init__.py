@@ -1,6 +1,6 @@
 """Compiled solver of contact problems with friction, in cones scaled by their coefficients of friction.
 
-Importing this package compiles no code; importing its modules `solve` and `retry` does.
+Importing this package compiles no code; importing its modules `solve` and `jams` does.
 """
 
 from impactlaw.solvers.cones.algebra.structure import BILATERAL, BOX, CONE

@@ -69,7 +69,7 @@ def solve_cones(
     A single contact has a closed form, or nearly so (`single_contact.single`), which needs no compiled code. Any other
     problem is solved by the compiled solver (`impactlaw.solvers.cones`): Newton's method from the guess, then from zero
     impulse, and rounds of slower methods if it fails. A thorough search then starts again from the best point, and from
-    impulses of the convex problem. In haste, Newton's method is tried alone first, see `cones.retry`. For large
+    impulses of the convex problem. In haste, Newton's method is tried alone first, see `cones.jams`. For large
     coefficients of friction there may be several solutions; the same problem always returns the same one.
 
     Args:
@@ -132,10 +132,8 @@ def _attempt(problem: ConeProblem, guess: np.ndarray | None, rounds: int, most: 
         hopeless = again or (residual > ENOUGH * problem.scale and rounds <= BRIEF)
         if enough or hopeless or residual <= _ALONE * problem.scale or total >= most:
             break
-        if quick and residual > ENOUGH * problem.scale:
-            x, jams = retry(problem, x)
-            if jams:
-                return problem.answer(x, residual, Status.INFEASIBLE, total)
+        if quick and residual > ENOUGH * problem.scale and _jams(problem):
+            return problem.answer(x, residual, Status.INFEASIBLE, total)
         guess = problem.unscaled(x)
     status = Status.SOLVED if residual <= ENOUGH * problem.scale else Status.STOPPED
     return problem.answer(x, residual, status, total)
@@ -166,14 +164,12 @@ def compiled_answer(
     return x.reshape(problem.shape), int(taken)
 
 
-def retry(problem: ConeProblem, x: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Return a scaled impulse, (h, m), improved by `cones.retry`, and whether bodies jam."""
-    from impactlaw.solvers.cones.retry import retry
+def _jams(problem: ConeProblem) -> bool:
+    """Return whether bodies jam, see `cones.jams`."""
+    from impactlaw.solvers.cones.jams import jams
 
     rows, groups = _layout(problem)
-    better = x.flatten()
-    jammed = retry(*rows, *groups, problem.exact, _SHARP, better)
-    return better.reshape(problem.shape), bool(jammed)
+    return bool(jams(*rows, *groups, problem.exact))
 
 
 def _layout(problem: ConeProblem) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:

@@ -27,7 +27,7 @@ from impactlaw.solvers.cones.algebra.loops import (
     plain,
     zeros,
 )
-from impactlaw.solvers.cones.retry import linked_retry
+from impactlaw.solvers.cones.jams import linked_jams
 from impactlaw.solvers.cones.rows import impulse_jump, lengths
 from impactlaw.solvers.cones.solve import linked_improve
 from impactlaw.solvers.friction import problem
@@ -110,10 +110,9 @@ def _solve(w, rows, members, problem, s, x, z):
         residual /= sharp
         if residual <= ENOUGH or not residual < _WORTH_IT * before:
             break
-        if attempt == 0 and linked_retry(
-            rows.nnz, rows.adr, rows.col, rows.val, tree, firsts, sizes, kinds, bounds, compliance, b, problem.exact,
-            sharp * _TOLERANCE, x,
-        ):  # fmt: skip
+        if attempt == 0 and linked_jams(
+            rows.nnz, rows.adr, rows.col, rows.val, tree, firsts, sizes, kinds, bounds, compliance, b, problem.exact
+        ):
             break
     return residual
 
