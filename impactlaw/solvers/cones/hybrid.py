@@ -23,7 +23,6 @@ from impactlaw.solvers.cones.algebra.structure import BOX, CONE, Island, delassu
 from impactlaw.solvers.cones.budget import LARGE, affordable, spend
 from impactlaw.solvers.cones.convex import corrected, out_of_reach
 from impactlaw.solvers.cones.interior import interior
-from impactlaw.solvers.cones.islands import compressed
 from impactlaw.solvers.cones.newton import ALART_CURNIER, CONVEX, DE_SAXCE, newton
 
 _FIRST_STEPS = np.array([4, 30, 12, 30])  # Newton steps with two maps from the guess, and from zero impulse
@@ -167,8 +166,6 @@ def solve_island(
             put(x, point)
         if least <= (_NEAR * tolerance if large else tolerance) or (P.exact and left[0] <= 0.0):
             return total, least
-    if few and n < P.nv:
-        P, K = compressed(P)
     if inside:
         taken, least, ends = _go_on(P, K, G, x, start, least, scale, tolerance, delta, step, left)
         total += taken
@@ -217,7 +214,7 @@ def _go_on(
             put(x, point)
         if least <= (_NEAR * tolerance if P.exact else tolerance) or left[0] <= 0.0:
             return total, least, True
-    if left[0] == np.inf or len(K.width) > 1 or least <= _HOPEFUL * scale:
+    if left[0] == np.inf or (len(K.width) > 1 and len(G) == 0) or least <= _HOPEFUL * scale:
         return total, least, False
     taken, hopeless = out_of_reach(P, K, scale)
     spend(left, taken * step, step, n)
@@ -232,7 +229,7 @@ def _rounds(
     """Take rounds of slower methods from `start`; keep the best point in x; return steps taken and its natural map."""
     L = largest_eigenvalue(P)
     alternating, convex, point = copied(start), start, numbers(len(x))
-    cost, many = flops(P, K), len(K.width) > 1
+    cost, many = flops(P, K), len(K.width) > 1 and not few
     apart = 4.0 * len(P.A) + 10.0 * len(x) + 4.0 * K.size  # operations of a step of alternating directions
     step = cost if not few else float(len(x)) ** 3 + 20.0 * len(x) ** 2
     limit = (_OF_LARGE if len(x) >= LARGE else _OF_MANY) * cost if many else max(_WORK, _FACTORIZATIONS * cost)

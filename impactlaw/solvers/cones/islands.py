@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from impactlaw.solvers.cones.algebra.linear import triangular_rows
 from impactlaw.solvers.cones.algebra.loops import (
     Array,
     cleared,
@@ -144,31 +143,3 @@ def build(members: Array, problem: Problem, length: Array, number: Array, seen: 
                 if value[k] != 0.0:
                     A[a + position[number[problem.colind[k]]]] = value[k] * inverse
     return Island(start, kinds, bounds, compliance, offset, begin, columns, entry, A, square, nv, problem.exact), K
-
-
-@once
-def compressed(P: Island) -> tuple[Island, Blocks]:
-    """Return the same problem with as many degrees of freedom as rows, ``A Q`` with orthogonal Q; A has more."""
-    n, groups = len(P.b), len(P.kind)
-    Y = zeros(n * P.nv).reshape((n, P.nv))
-    for g in range(groups):
-        begin, a = P.begin[g], P.entry[g]
-        for i in range(P.start[g], P.start[g + 1]):
-            for j in range(P.begin[g + 1] - begin):
-                Y[i, P.cols[begin + j]] = P.A[a + j]
-            a += P.begin[g + 1] - begin
-    triangular_rows(Y)
-    begin, entry = counts(groups + 1), counts(groups + 1)
-    for g in range(groups):  # rows before e have at most e columns
-        e = P.start[g + 1]
-        begin[g + 1] = begin[g] + e
-        entry[g + 1] = entry[g] + (e - P.start[g]) * e
-    cols, columns, A = indices(begin[groups]), unsigned(begin[groups]), numbers(entry[groups])
-    for g in range(groups):
-        o, e = P.start[g], P.start[g + 1]
-        for j in range(e):
-            cols[begin[g] + j] = columns[begin[g] + j] = j
-            for i in range(o, e):
-                A[entry[g] + (i - o) * e + j] = Y[i, j]
-    K = one_block(n, begin, cols)
-    return Island(P.start, P.kind, P.bound, P.c, P.b, begin, columns, entry, A, P.square, n, P.exact), K

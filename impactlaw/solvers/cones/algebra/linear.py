@@ -3,9 +3,7 @@
 Loops run along rows, so that they become vector instructions without reordering sums.
 """
 
-import numpy as np
-
-from impactlaw.solvers.cones.algebra.loops import Array, dot, kernel, numbers, plain, subtract
+from impactlaw.solvers.cones.algebra.loops import Array, dot, plain, subtract
 
 _LIFT = 1e-14  # smallest pivot, relative to the largest entry
 
@@ -80,27 +78,3 @@ def lu_solve_rows(H: Array, base: int, n: int, pivot: Array, at: int, V: Array, 
         f = 1.0 / H[base + i * n + i]
         for c in range(many):
             V[a + c] *= f
-
-
-@kernel
-def triangular_rows(Y: Array) -> None:
-    """Make Y, (n, nv) with n <= nv, lower triangular by Householder reflections of its columns."""
-    n, nv = Y.shape
-    v = numbers(nv)
-    for i in range(n):
-        s = 0.0
-        for j in range(i, nv):
-            v[j] = Y[i, j]
-            s += v[j] * v[j]
-        length = np.sqrt(s)
-        if length == 0.0:
-            continue
-        v[i] += length if v[i] >= 0.0 else -length
-        f = 1.0 / (s + length * abs(Y[i, i]))
-        for k in range(i, n):
-            t = 0.0
-            for j in range(i, nv):
-                t += Y[k, j] * v[j]
-            t *= f
-            for j in range(i, nv):
-                Y[k, j] -= t * v[j]
