@@ -129,17 +129,3 @@ def solve(
         x, z,
     )  # fmt: skip
     return x, z, worst, total
-
-
-@compiled()
-def natural_map(
-    rownnz, rowadr, colind, value, nv, tree, first, size, kind, bound, compliance, b, exact, x
-):  # fmt: skip
-    """Return the largest relative natural map of all islands at x; for the other arguments see `solve`."""
-    groups = len(first)
-    z, length, label = np.zeros(nv), np.empty(groups), np.empty(groups, np.int64)
-    count = islands(rownnz, rowadr, colind, value, tree, first, size, compliance, length, label)
-    impulse_jump(rownnz, rowadr, colind, value, x, z)
-    problem = Problem(rownnz, rowadr, colind, value, tree, first, size, kind, bound, compliance, b, exact)
-    room = np.empty(2 * longest_group(size))
-    return certificate(problem, x, z, length, label, np.empty(count), np.empty(count), room)
