@@ -176,16 +176,6 @@ class PhaseEnd(NamedTuple):
     known: np.ndarray  # index of the same contact at the start, or -1, int (h,)
     sustained: np.ndarray  # contacts that stay closed, bool (h,)
 
-    @property
-    def contact_set(self) -> ContactSet:
-        """The contacts at the end of the phase."""
-        return self.now.contact_set
-
-    @property
-    def gap(self) -> np.ndarray:
-        """Gaps of the contacts, m, (h,)."""
-        return self.now.gap
-
 
 def stays(gap: np.ndarray, known: np.ndarray, phase: Phase) -> np.ndarray:
     """Return which contacts are sustained if the phase ends with these gaps, bool (h,)."""

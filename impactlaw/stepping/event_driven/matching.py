@@ -106,7 +106,7 @@ def continued(phase_end: PhaseEnd, phase: Phase, deepest: int, gap: float) -> Co
     start, pattern, tau = phase.start, phase_end.now.pattern, phase.duration
     if phase_end.known[deepest] >= 0 or not pattern.vague[deepest]:
         return None
-    velocity, contact_set = start.contact_velocity, phase_end.contact_set
+    velocity, contact_set = start.contact_velocity, phase_end.now.contact_set
     opening = contact_set.contact_velocity(start.velocity)[deepest]
     if _is_thrown(opening, 2.0 * (opening * tau - gap), phase):
         return None

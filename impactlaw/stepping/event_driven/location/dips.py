@@ -220,7 +220,7 @@ class Dips:
         opens = self._opens(found, phase.start.velocity, phase.duration)
         if not np.count_nonzero(opens):
             return {}
-        known = phase_end.known if found is phase_end.contact_set else match(found, phase)
+        known = phase_end.known if found is phase_end.now.contact_set else match(found, phase)
         if len(phase.start.closed):
             opens &= ~((known >= 0) & phase.start.closed[known])
         held = phase_end.now.pattern.key[phase_end.sustained]

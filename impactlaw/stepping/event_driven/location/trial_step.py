@@ -27,7 +27,7 @@ class TrialStep(NamedTuple):
     def of(cls, phase: Phase, phase_end: PhaseEnd, keep: Callable[[], PhaseEnd] | None) -> TrialStep:
         """Return the trial step for the contacts at the end of a phase, of which some are not held."""
         opened = (~phase_end.sustained).nonzero()[0]
-        clear = _clear(phase_end.gap[opened], phase_end.known[opened], phase)
+        clear = _clear(phase_end.now.gap[opened], phase_end.known[opened], phase)
         least = int(clear.argmin())
         return cls(phase, phase_end, clear.item(least), opened.item(least), keep)
 

@@ -69,11 +69,11 @@ def hold_with_friction(
     table, change = impulses.table, configuration.jump(impulses.rows.jacobian, impulses.each)
     shift = (moving_part(configuration.model) * phase.duration) * change - felt.shift
     if np.count_nonzero(shift):
-        reach = phase_end.contact_set.opening(shift + felt.shift)
+        reach = phase_end.now.contact_set.opening(shift + felt.shift)
         far = phase.duration * (configuration.kinetic_norm(free) + configuration.kinetic_norm(change))
         phase_end, table = _settle(phase_end, shift, table, phase, detect_again, reach, far)
     phase_end = _with_more(phase_end, phase)
-    if np.count_nonzero(phase_end.sustained & (phase_end.gap < -CORRECTED * phase.tolerance)):
+    if np.count_nonzero(phase_end.sustained & (phase_end.now.gap < -CORRECTED * phase.tolerance)):
         before = phase_end.known
         phase_end = hold_position(phase_end, phase, detect_again, np.zeros_like(shift))
         phase_end = _with_more(phase_end, phase)
@@ -142,7 +142,7 @@ def _settle(
     configuration, held = phase_end.now.configuration, phase_end.known[phase_end.sustained]
     for settling in range(_SETTLINGS):
         configuration.shift(shift)
-        before, (now, known) = phase_end.known, detect_again(max(reach, phase_end.contact_set.opening(shift)))
+        before, (now, known) = phase_end.known, detect_again(max(reach, phase_end.now.contact_set.opening(shift)))
         phase_end = PhaseEnd(now, known, among(known, held))
         table = _matched(table, before, phase_end)
         active = table[:, 0] > 0
@@ -220,7 +220,7 @@ def _turned(phase_end: PhaseEnd, phase: Phase, rows: Rows) -> np.ndarray | None:
     row = np.where(known >= 0, place[known, rows.kind], -1)
     start_rows = _unspun(phase_end, phase, rows, row, place)
     difference = np.where(row[:, None] >= 0, start_rows - rows.jacobian, 0.0)
-    return turned_rows(phase_end.contact_set, difference, rows.whitened)
+    return turned_rows(phase_end.now.contact_set, difference, rows.whitened)
 
 
 def _unspun(phase_end: PhaseEnd, phase: Phase, rows: Rows, row: np.ndarray, place: np.ndarray) -> np.ndarray:
@@ -229,7 +229,7 @@ def _unspun(phase_end: PhaseEnd, phase: Phase, rows: Rows, row: np.ndarray, plac
     MuJoCo's directions spin if the normal turns, by an angle that depends on the orientation of the scene in the world.
     """
     assert phase.start.contact_forces is not None
-    J, friction = phase.start.contact_forces.rows.jacobian, phase_end.contact_set.pattern.friction
+    J, friction = phase.start.contact_forces.rows.jacobian, phase_end.now.contact_set.pattern.friction
     normals = phase.start.contacts.normal[phase_end.known], phase_end.now.contacts.normal
     if friction is None or np.array_equal(*normals):
         return J[row]

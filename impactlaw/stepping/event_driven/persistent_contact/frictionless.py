@@ -61,7 +61,7 @@ def hold(
 
 def _hold_velocity(phase_end: PhaseEnd, phase: Phase, velocity: np.ndarray, felt: PredictedForce) -> PhaseEnd:
     """Keep closed contacts that are sustained from approaching; return the contacts with the resulting velocity."""
-    now, contact_set = phase_end.now, phase_end.contact_set
+    now, contact_set = phase_end.now, phase_end.now.contact_set
     data = now.configuration.data
     held, active = (phase_end.sustained & now.closed).nonzero()[0], np.zeros(len(now.gap), dtype=bool)
     if not len(held):
@@ -82,7 +82,7 @@ def _hold_velocity(phase_end: PhaseEnd, phase: Phase, velocity: np.ndarray, felt
 
 def _turned(phase_end: PhaseEnd, phase: Phase, held: np.ndarray) -> np.ndarray | None:
     """Return the rows of contacts at the start of the phase minus the current rows, (k, nv); None if they are equal."""
-    start, contact_set, known = phase.start.contact_set, phase_end.contact_set, phase_end.known[held]
+    start, contact_set, known = phase.start.contact_set, phase_end.now.contact_set, phase_end.known[held]
     if not np.count_nonzero(known >= 0):
         return None
     difference = np.where(known[:, None] >= 0, start.jacobian[known] - contact_set.jacobian[held], 0.0)

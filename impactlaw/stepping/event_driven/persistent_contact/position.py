@@ -53,9 +53,9 @@ def hold_position(phase_end: PhaseEnd, phase: Phase, detect_again: DetectAgain, 
             constraints leave contacts almost no motion.
     """
     configuration = phase_end.now.configuration
-    end, end_gap = configuration.data.qpos.copy(), phase_end.gap[phase_end.sustained]
+    end, end_gap = configuration.data.qpos.copy(), phase_end.now.gap[phase_end.sustained]
     nv = configuration.model.nv
-    shift, reach = np.zeros(nv), phase_end.contact_set.opening(felt)
+    shift, reach = np.zeros(nv), phase_end.now.contact_set.opening(felt)
     limit, place = _FAR * max(reach, -float(end_gap.min()), phase.tolerance), configuration.data.geom_xpos
     cuts = Cuts(np.zeros((0, nv)), np.zeros(0))
     for correction in range(_CORRECTIONS):
@@ -99,7 +99,7 @@ def _led(now: ContactState, known: np.ndarray, phase: Phase) -> np.ndarray:
 
 def _is_corrected(phase_end: PhaseEnd, active: np.ndarray, phase: Phase) -> bool:
     """Return whether no sustained contact overlaps, active contacts are closed, and no other contact should be held."""
-    gap, sustained, allowed = phase_end.gap, phase_end.sustained, CORRECTED * phase.tolerance
+    gap, sustained, allowed = phase_end.now.gap, phase_end.sustained, CORRECTED * phase.tolerance
     for one, held, pushed in zip(gap.tolist(), sustained.tolist(), active.tolist(), strict=True):
         if (held and one < -allowed) or (pushed and abs(one) > allowed):
             return False
@@ -110,7 +110,7 @@ def _is_corrected(phase_end: PhaseEnd, active: np.ndarray, phase: Phase) -> bool
 
 def _correction(phase_end: PhaseEnd, shift: np.ndarray, phase: Phase, cuts: Cuts) -> Correction:
     """Return the shift that opens the contacts, linearized at the scene shifted by ``shift``, (nv,)."""
-    contact_set, gap, sustained = phase_end.contact_set, phase_end.gap, phase_end.sustained
+    contact_set, gap, sustained = phase_end.now.contact_set, phase_end.now.gap, phase_end.sustained
     J = contact_set.jacobian
     while True:
         rows = sustained.nonzero()[0]
