@@ -17,7 +17,8 @@ def found(known, held, keys, places, rolling):
     positions = np.array([[x, 0.0, 0.0] for x in places])
     contacts: Any = SimpleNamespace(pattern=pattern, contacts=SimpleNamespace(position=positions))
     places_then = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    start = SimpleNamespace(pattern=SimpleNamespace(key=np.array([KEY, KEY])), position=places_then)
+    then = SimpleNamespace(position=places_then)
+    start = SimpleNamespace(pattern=SimpleNamespace(key=np.array([KEY, KEY])), contacts=then)
     phase: Any = SimpleNamespace(start=start)
     return refound(np.array(known), np.array(held), contacts, phase).tolist()
 
