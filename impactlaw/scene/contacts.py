@@ -11,30 +11,15 @@ import mujoco
 import numpy as np
 
 from impactlaw.errors import SceneError
-from impactlaw.scene.tolerances import (
-    APART,
-    ASKEW,
-    ASKEW_MEASURED,
-    ASKEW_SPHERE,
-    FLUSH,
-    NO_LEVER,
-    ON_AXIS,
-    PROBE,
-    SHORT,
-    SUNK,
-    SUNK_MEASURED,
-    TOUCHING,
-)
+from impactlaw.scene.corrected.hidden_edges import hide_edges
+from impactlaw.scene.tolerances import NO_LEVER, ON_AXIS, OUT_OF_REACH, SHORT
 
 if TYPE_CHECKING:
-    from impactlaw.scene.corrected_contacts import StandingCylinders
+    from impactlaw.scene.corrected.rounding import StandingCylinders
 
 _FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL)
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
-_PLANE, _FIELD, _SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX, _MESH = (
-    int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}"))
-    for name in ("PLANE", "HFIELD", "SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX", "MESH")
-)
+_PLANE, _CYLINDER = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,65 +102,13 @@ def update_positions(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     mujoco.mj_makeM(model, data)
 
 
-def _extent(model: mujoco.MjModel, data: mujoco.MjData, geom: int, normal: np.ndarray) -> float:
-    """Return how far a geom extends from its center along a normal, m; infinite if not in closed form."""
-    kind, size, along = model.geom_type[geom], model.geom_size[geom], data.geom_xmat[geom].reshape(3, 3).T @ normal
-    if kind == _SPHERE:
-        return size[0]
-    if kind == _CAPSULE:
-        return size[0] + size[1] * abs(along[2])
-    if kind == _ELLIPSOID:
-        return float(np.linalg.norm(size * along))
-    if kind == _CYLINDER:
-        return size[0] * np.hypot(along[0], along[1]) + size[1] * abs(along[2])
-    return float(size @ np.abs(along)) if kind == _BOX else np.inf
-
-
 def _hidden(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-    """Return which of MuJoCo's contacts the plane of a closed one hides, bool (ncon,).
-
-    See `stepping.compiled.left_out.hidden_edges`.
-    """
-    found = data.contact
-    geom, dist, normal, out = found.geom, found.dist, found.frame[:, :3], np.zeros(data.ncon, dtype=bool)
-    fixed = (model.body_treeid[model.geom_bodyid[geom]] < 0) & (geom >= 0)
-    weld, between = model.body_weldid[model.geom_bodyid[geom]], (fixed.sum(axis=1) == 1) & (geom >= 0).all(axis=1)
-    pairs = np.where(fixed[:, :1], geom[:, ::-1], geom)[between]  # the moving geom first
-    movers, many = np.unique(np.unique(pairs, axis=0)[:, 0], return_counts=True)
-    several = np.isin(geom, movers[many > 1]).any(axis=1)
-    several |= np.isin(geom, movers[np.isin(movers, pairs[model.geom_type[pairs[:, 1]] == _FIELD, 0])]).any(axis=1)
-    for s in np.flatnonzero(between & several & (dist <= TOUCHING)):
-        if out[s]:
-            continue
-        own = int(fixed[s, 0])  # the place of the geom that moves
-        mover, floor, up = geom[s, own], geom[s, 1 - own], normal[s] if own else -normal[s]
-        mine, sunk = np.flatnonzero((geom == mover).any(axis=1) & between), max(0.0, -dist[s])
-        face, deepest = found.pos[s] - 0.5 * dist[s] * up, s == mine[np.argmin(dist[mine])]
-        below = _extent(model, data, mover, up) - (data.geom_xpos[mover] - face) @ up
-        least = ASKEW_SPHERE if model.geom_type[mover] == _SPHERE else ASKEW
-        for k in mine:
-            other = int(geom[k, 0] == mover)
-            ahead, away = geom[k, other], -normal[k] if other else normal[k]
-            shapes = model.geom_type[ahead], model.geom_type[mover]
-            if (ahead == floor and shapes[0] != _FIELD) or weld[k, other] != weld[s, 1 - own]:
-                continue
-            if shapes[0] == _FIELD or _MESH in shapes:
-                if deepest and -ASKEW <= away @ up <= ASKEW_MEASURED:
-                    into = (away @ up) * up - away
-                    into *= (PROBE + max(0.0, dist[k]) + 2.0 * SUNK_MEASURED * sunk) / (into @ into)
-                    out[k] |= _depth(model, data, mover, ahead, into) <= FLUSH + SUNK_MEASURED * sunk
-            elif away @ up <= least and below <= FLUSH + SUNK * sunk:
-                out[k] |= (data.geom_xpos[ahead] - face) @ up + _extent(model, data, ahead, up) <= FLUSH
-    return out
-
-
-def _depth(model: mujoco.MjModel, data: mujoco.MjData, geom: int, other: int, shift: np.ndarray) -> float:
-    """Return how deep a geom overlaps another one after a shift, (3,), m."""
-    place = data.geom_xpos[geom].copy()
-    data.geom_xpos[geom] += shift
-    gap = mujoco.mj_geomDistance(model, data, geom, other, APART, None)
-    data.geom_xpos[geom] = place
-    return -gap
+    """Return which of MuJoCo's contacts the plane of a closed one hides, bool (ncon,); see `hide_edges`."""
+    found, room = data.contact, np.empty(2 * model.ngeom + data.ncon, dtype=int)
+    gap, bodies = found.dist.copy(), (model.geom_bodyid, model.body_weldid, model.body_treeid)
+    shapes = model.geom_type, model.geom_size, data.geom_xpos, data.geom_xmat
+    hide_edges(gap, found.pos, found.frame, found.geom, *bodies, shapes, (model, data), room)
+    return gap == OUT_OF_REACH
 
 
 def acted_on(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
@@ -251,7 +184,7 @@ def standing_cylinders(model: mujoco.MjModel) -> StandingCylinders | None:
     if not (len(planes) and len(cylinders)):
         return None
     # compiled code, which reading other scenes should not load
-    from impactlaw.scene.corrected_contacts import StandingCylinders
+    from impactlaw.scene.corrected.rounding import StandingCylinders
 
     return StandingCylinders(model, planes, cylinders)
 

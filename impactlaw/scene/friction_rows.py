@@ -183,7 +183,7 @@ def _straighten(frame: np.ndarray) -> np.ndarray:
     skew = np.flatnonzero(np.abs(np.vecdot(frame[:, :3], frame[:, 3:6])) > ORTHOGONAL)
     if len(skew):
         # compiled code, which reading a scene should not load
-        from impactlaw.scene.corrected_contacts import straighten
+        from impactlaw.scene.corrected.rounding import straighten
 
         straighten(frame)
     return skew

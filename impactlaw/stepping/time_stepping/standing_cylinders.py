@@ -3,7 +3,7 @@
 MuJoCo looks for the lowest point of the rim, and adds two points such that the three are corners of a triangle. If the
 axis is the normal up to rounding, that point is arbitrary, its distance is wrong by up to the radius, and contacts may
 be missing. Contacts are then found for the axis turned into the normal, and their gaps are measured at the true axis,
-see `scene.corrected_contacts.measure_standing`.
+see `scene.corrected.rounding.measure_standing`.
 
 The three points hold a cylinder up to its rim only in the direction of the first. It is therefore put to where
 gravity and the velocity tip the cylinder: otherwise a cylinder that can stand would roll over the edge of the triangle.
@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.compiled import for_python
-from impactlaw.scene.corrected_contacts import measure_again, upright
+from impactlaw.scene.corrected.rounding import measure_again, upright
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.solvers.cones.algebra.loops import plain
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from impactlaw.scene.corrected_contacts import measure_standing
+from impactlaw.scene.corrected.rounding import measure_standing
 from impactlaw.solvers.cones.algebra.loops import kernel, numbers, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (

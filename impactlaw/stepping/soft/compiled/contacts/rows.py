@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impactlaw.laws.tolerances import INFLUENCE
-from impactlaw.scene.corrected_contacts import is_orthogonal
+from impactlaw.scene.corrected.rounding import is_orthogonal
 from impactlaw.scene.tolerances import NO_FRICTION
 from impactlaw.solvers.cones.algebra.loops import FIRST, cleared, indices, integers, kernel, numbers, once, plain, zeros
 from impactlaw.stepping.compiled.access import (

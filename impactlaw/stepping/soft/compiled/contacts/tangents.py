@@ -1,13 +1,13 @@
 """Friction rows of contacts whose tangents in MuJoCo are not orthogonal to the normal, in compiled code.
 
-See `scene.corrected_contacts`.
+See `scene.corrected.rounding`.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from impactlaw.scene.corrected_contacts import make_orthogonal
+from impactlaw.scene.corrected.rounding import make_orthogonal
 from impactlaw.solvers.cones.algebra.loops import kernel, numbers
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import contact_floats, contact_ints, model_ints, size

@@ -19,7 +19,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.compiled import compiled
-from impactlaw.scene.corrected_contacts import make_orthogonal
+from impactlaw.scene.corrected.rounding import make_orthogonal
 from impactlaw.scene.tolerances import APART
 from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain
 from impactlaw.stepping.compiled import libmujoco as mj

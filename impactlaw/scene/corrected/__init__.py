@@ -1,0 +1,1 @@
+"""Contacts of MuJoCo that are corrected, or left out."""
