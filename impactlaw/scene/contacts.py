@@ -194,7 +194,7 @@ def collide(model: mujoco.MjModel, data: mujoco.MjData, standing: StandingCylind
 
     With the result of `standing_cylinders`, the contacts of cylinders that stand on planes are corrected.
     """
-    if standing is None or not standing.can_meet():
+    if standing is None:
         _find_contacts(model, data)
         return
     frames = data.geom_xmat.copy()

@@ -141,19 +141,6 @@ class StandingCylinders:
 
     def __init__(self, model: mujoco.MjModel, planes: np.ndarray, cylinders: np.ndarray):
         self._model, self._planes, self._cylinders = model, planes, cylinders
-        self._masks: tuple[bytes, bytes] | None = None
-        self._can_meet = False
-
-    def can_meet(self) -> bool:
-        """Return whether a cylinder and a plane can meet now; most of those in pictures cannot."""
-        model = self._model
-        masks = model.geom_contype.tobytes(), model.geom_conaffinity.tobytes()
-        if masks != self._masks:
-            planes, own, kind, affinity = self._planes, self._cylinders, model.geom_contype, model.geom_conaffinity
-            meet = (kind[planes][:, None] & affinity[own]) | (affinity[planes][:, None] & kind[own])
-            chosen = np.isin(model.pair_geom1, own) | np.isin(model.pair_geom2, own)
-            self._masks, self._can_meet = masks, bool(meet.any() or chosen.any())
-        return self._can_meet
 
     def align(self, data: mujoco.MjData) -> None:
         """Change rotation matrices so that MuJoCo finds the contacts of cylinders that stand upright."""

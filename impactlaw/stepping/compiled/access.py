@@ -5,20 +5,12 @@ A world is any named tuple with the addresses ``model``, ``data`` and ``table`` 
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from impactlaw.solvers.cones.algebra.loops import integers, kernel, numbers, once, plain
-from impactlaw.stepping.compiled.fields import (
-    DATA,
-    MODEL,
-    SIZE,
-    floats,
-    int_at,
-    ints,
-    long_at,
-    table_floats,
-    table_ints,
-)
+from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, SIZE, floats, int_at, ints, long_at
 from impactlaw.stepping.compiled.libmujoco import is_sparse
 from impactlaw.stepping.compiled.whitening import Inertia
 
@@ -59,28 +51,32 @@ def data_at(w, field):
     return long_at(w.data + offset(w, field))
 
 
-@kernel
-def model_ints(w, field, n):
-    """Return an array of the model, int32 (n,)."""
-    return ints(model_at(w, field), n)
+def _arrays(address: Any, read: Any) -> Any:
+    """Return a compiled function that returns an array of a world, given its field and its shape."""
+
+    @kernel
+    def of(w, field, shape):
+        return read(address(w, field), shape)
+
+    return of
 
 
-@kernel
-def model_floats(w, field, n):
-    """Return an array of the model, (n,)."""
-    return floats(model_at(w, field), n)
+model_ints, model_floats = (_arrays(model_at, read) for read in (ints, floats))
+data_ints, data_floats = (_arrays(data_at, read) for read in (ints, floats))
 
 
-@kernel
-def data_ints(w, field, n):
-    """Return an array of data, int32 (n,)."""
-    return ints(data_at(w, field), n)
+def _of_contacts(read: Any, width: int) -> Any:
+    """Return a compiled function that returns a field of MuJoCo's contacts with entries of some bytes, (ncon, many)."""
+
+    @kernel
+    def of(w, field, many):
+        stride, first = offset(w, SIZE.contact) // width, offset(w, field) // width
+        return read(data_at(w, DATA.contact), (number(w, DATA.ncon), stride))[:, first : first + many]
+
+    return of
 
 
-@kernel
-def data_floats(w, field, n):
-    """Return an array of data, (n,)."""
-    return floats(data_at(w, field), n)
+contact_ints, contact_floats = _of_contacts(ints, 4), _of_contacts(floats, 8)
 
 
 @kernel
@@ -115,25 +111,25 @@ def layout_of_trees(w):
 
 
 @kernel
-def rows_of(w, place, entries, columns):
-    """Return an array of doubles of data as a table, (rows, columns)."""
-    return table_floats(data_at(w, place), entries, columns)
+def contacts_of(w):
+    """Return gaps, points, frames and geoms of MuJoCo's contacts."""
+    gap, geom = contact_floats(w, CONTACT.dist, 1)[:, 0], contact_ints(w, CONTACT.geom, 2)
+    return gap, contact_floats(w, CONTACT.pos, 3), contact_floats(w, CONTACT.frame, 9), geom
 
 
 @kernel
-def contact_ints(w, field, many):
-    """Return a field of MuJoCo's contacts, int32 (ncon, many)."""
-    stride = offset(w, SIZE.contact) // 4
-    first = offset(w, field) // 4
-    return table_ints(data_at(w, DATA.contact), number(w, DATA.ncon), stride)[:, first : first + many]
+def shapes_of(w):
+    """Return MuJoCo's geom_type, geom_size, geom_xpos and geom_xmat."""
+    n = size(w, MODEL.ngeom)
+    shapes = model_ints(w, MODEL.geom_type, n), model_floats(w, MODEL.geom_size, (n, 3))
+    return *shapes, data_floats(w, DATA.geom_xpos, (n, 3)), data_floats(w, DATA.geom_xmat, (n, 9))
 
 
 @kernel
-def contact_floats(w, field, many):
-    """Return a field of MuJoCo's contacts, (ncon, many)."""
-    stride = offset(w, SIZE.contact) // 8
-    first = offset(w, field) // 8
-    return table_floats(data_at(w, DATA.contact), number(w, DATA.ncon), stride)[:, first : first + many]
+def bodies_of(w):
+    """Return MuJoCo's geom_bodyid, body_weldid and body_treeid."""
+    n, body = size(w, MODEL.nbody), model_ints(w, MODEL.geom_bodyid, size(w, MODEL.ngeom))
+    return body, model_ints(w, MODEL.body_weldid, n), model_ints(w, MODEL.body_treeid, n)
 
 
 @plain
@@ -159,35 +155,23 @@ def _leave_out_zeros(dense, nv, nnz, adr, col, val):
 
 
 @once
-def jacobian_of(w):
-    """Return number of entries and first entry of MuJoCo's rows, columns, and entries; dense rows include zeros.
+def jacobian_of(w, zeros):
+    """Return number of entries and first entry of MuJoCo's rows, columns, and entries.
 
-    The rows of a contact have the same columns. The result is valid as long as the calling function runs.
+    Dense rows include their `zeros`, so that all rows of a contact have the same columns, or only their nonzero
+    entries. The result is valid as long as the calling function runs.
     """
     n, sparse = number(w, DATA.nefc), is_sparse(w.model)
     many = number(w, DATA.nJ) if sparse else n * w.nv
     val = data_floats(w, DATA.efc_J, many)
     rows, entries = (0, 0) if sparse else (n, many)
-    nnz, adr, col = integers(rows), integers(rows), integers(entries)
+    nnz, adr, col, kept = integers(rows), integers(rows), integers(entries), numbers(0 if zeros else entries)
     if sparse:
         nnz, adr = data_ints(w, DATA.efc_J_rownnz, n), data_ints(w, DATA.efc_J_rowadr, n)
         col = data_ints(w, DATA.efc_J_colind, many)
-    else:
+    elif zeros:
         _number_columns(nnz, adr, col, w.nv)
-    return nnz, adr, col, val
-
-
-@once
-def nonzeros_of(w):
-    """Return the same as `jacobian_of`, but only the nonzero entries of dense rows, each row with its own columns."""
-    n, sparse = number(w, DATA.nefc), is_sparse(w.model)
-    many = number(w, DATA.nJ) if sparse else n * w.nv
-    all = data_floats(w, DATA.efc_J, many)
-    rows, entries = (0, 0) if sparse else (n, many)
-    nnz, adr, col, val = integers(rows), integers(rows), integers(entries), numbers(entries)
-    if sparse:
-        nnz, adr = data_ints(w, DATA.efc_J_rownnz, n), data_ints(w, DATA.efc_J_rowadr, n)
-        col, val = data_ints(w, DATA.efc_J_colind, many), all
     else:
-        _leave_out_zeros(all, w.nv, nnz, adr, col, val)
+        _leave_out_zeros(val, w.nv, nnz, adr, col, kept)
+        val = kept
     return nnz, adr, col, val

@@ -92,53 +92,22 @@ def _writer(kind: Any) -> Any:
     return write
 
 
-_double, _int, _long, _byte, _bool = (
-    _pointer(kind) for kind in (types.float64, types.int32, types.int64, types.uint8, types.boolean)
+def _arrays(kind: Any) -> Any:
+    """Return a compiled function that returns the numbers of a kind at an address, (n,) or a table of a given shape."""
+    pointer = _pointer(kind)
+
+    @kernel
+    def at(address, shape):
+        return carray(pointer(address), shape)
+
+    return at
+
+
+floats, ints, longs, flags, bools = (
+    _arrays(kind) for kind in (types.float64, types.int32, types.int64, types.uint8, types.boolean)
 )
 float_at, int_at, long_at = (_reader(kind) for kind in (types.float64, types.int32, types.int64))
 put_int, put_long = (_writer(kind) for kind in (types.int32, types.int64))
-
-
-@kernel
-def floats(address, n):
-    """Return n doubles at an address."""
-    return carray(_double(address), n)
-
-
-@kernel
-def ints(address, n):
-    """Return n ints at an address."""
-    return carray(_int(address), n)
-
-
-@kernel
-def longs(address, n):
-    """Return n 64-bit integers at an address."""
-    return carray(_long(address), n)
-
-
-@kernel
-def flags(address, n):
-    """Return n bytes at an address."""
-    return carray(_byte(address), n)
-
-
-@kernel
-def bools(address, n):
-    """Return n booleans at an address."""
-    return carray(_bool(address), n)
-
-
-@kernel
-def table_floats(address, rows, columns):
-    """Return a table of doubles at an address."""
-    return carray(_double(address), (rows, columns))
-
-
-@kernel
-def table_ints(address, rows, columns):
-    """Return a table of ints at an address."""
-    return carray(_int(address), (rows, columns))
 
 
 @_intrinsic

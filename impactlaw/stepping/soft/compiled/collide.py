@@ -118,7 +118,7 @@ def _ask(w, law, found, rows, members, velocity, last, before, restored):
 @kernel
 def _join(w, label):
     """Write `_Islands.label`."""
-    n, (nnz, adr, col, val) = number(w, DATA.nefc), jacobian_of(w)
+    n, (nnz, adr, col, val) = number(w, DATA.nefc), jacobian_of(w, True)
     kinds, numbers_of = data_ints(w, DATA.efc_type, n), data_ints(w, DATA.efc_id, n)
     join_trees(kinds, numbers_of, nnz, adr, col, val, model_ints(w, MODEL.dof_treeid, w.nv), label)
 
@@ -246,7 +246,7 @@ def _collide(w, law, islands, sums):
     lowest = normal_velocities(found, speeds, gamma)
     if not lowest < -law.rest_speed:
         return FINE, False
-    calm, jacobian = zeros(len(islands.label)), jacobian_of(w)
+    calm, jacobian = zeros(len(islands.label)), jacobian_of(w, True)
     if len(calm) > 0:
         _find_calm(w, found, gamma, jacobian, islands, calm)
     gradients = _gradients(w, law, calm, jacobian)

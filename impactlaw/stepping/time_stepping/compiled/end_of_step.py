@@ -21,16 +21,17 @@ from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
     contact_floats,
     contact_ints,
+    contacts_of,
     data_at,
     data_floats,
     data_ints,
+    jacobian_of,
     model_floats,
     model_ints,
-    nonzeros_of,
     number,
     offset,
     option,
-    rows_of,
+    shapes_of,
     size,
     velocity_of,
 )
@@ -43,10 +44,10 @@ from impactlaw.stepping.compiled.fields import (
     address_of,
     flags,
     floats,
+    ints,
     keep,
     long_at,
     put_int,
-    table_ints,
 )
 from impactlaw.stepping.compiled.left_out.tied_contacts import leave_tied_out
 from impactlaw.stepping.time_stepping.compiled.impulses.contact_problem import count, count_entries, read
@@ -95,7 +96,7 @@ def _leave_open_out(w, force):
     many, each = number(w, DATA.ncon), offset(w, SIZE.contact) // 4
     count = leave_open_out(
         force, contact_floats(w, CONTACT.dist, 1)[:, 0], LEAST, contact_ints(w, CONTACT.dim, 1)[:, 0],
-        contact_ints(w, CONTACT.efc_address, 1)[:, 0], table_ints(data_at(w, DATA.contact), many, each),
+        contact_ints(w, CONTACT.efc_address, 1)[:, 0], ints(data_at(w, DATA.contact), (many, each)),
         data_ints(w, DATA.efc_id, len(force)),
     )  # fmt: skip
     put_int(w.data + offset(w, DATA.ncon), np.int32(count))
@@ -155,9 +156,7 @@ def _find_contacts(w, now):
     put(seen, flags(data_at(w, DATA.eq_active), equalities))
     mj.kinematics(w.model, now.data)
     find_standing(now, False)
-    ngeom = size(now, MODEL.ngeom)
-    dist, frame = contact_floats(now, CONTACT.dist, 1)[:, 0], contact_floats(now, CONTACT.frame, 9)
-    pos, geom = contact_floats(now, CONTACT.pos, 3), contact_ints(now, CONTACT.geom, 2)
+    ngeom, (dist, pos, frame, geom) = size(now, MODEL.ngeom), contacts_of(now)
     shape, margin = model_ints(now, MODEL.geom_type, ngeom), model_floats(now, MODEL.geom_margin, ngeom)
     add_nearest(dist, pos, frame, geom, shape, margin, (now.model, now.data))
 
@@ -189,7 +188,7 @@ def _move_apart(now, qpos, metric, rows, depth, slow):
     mj.make_constraint(now.model, now.data)
     nv, h, near, mark = now.nv, now.timestep, marks(number(now, DATA.nefc)), cleared(size(now, MODEL.ntree))
     _find_near(now, depth, near)
-    jacobian, still = nonzeros_of(now), zeros(nv)
+    jacobian, still = jacobian_of(now, False), zeros(nv)
     leave_tied_out(now, jacobian, near)
     entries, (groups, many) = count_entries(now, jacobian, mark), count(now, near, _FRICTIONAL)
     block = numbers(rows_size(groups, many, entries))
@@ -218,17 +217,12 @@ def copy_contacts(w, pairs, gaps):
 @plain
 def _bend(w, rows, pairs, gaps, again):
     """Return what `end_correction.bend` returns."""
-    nbody, ngeom = size(w, MODEL.nbody), size(w, MODEL.ngeom)
-    geometry = (
-        model_ints(w, MODEL.geom_bodyid, ngeom), model_ints(w, MODEL.geom_type, ngeom),
-        model_floats(w, MODEL.geom_size, 3 * ngeom).reshape((ngeom, 3)),
-        rows_of(w, DATA.geom_xpos, ngeom, 3), rows_of(w, DATA.geom_xmat, ngeom, 9),
-    )  # fmt: skip
+    nbody, geometry = size(w, MODEL.nbody), (model_ints(w, MODEL.geom_bodyid, size(w, MODEL.ngeom)), *shapes_of(w))
     motion = (
-        rows_of(w, DATA.cvel, nbody, 6), rows_of(w, DATA.cdof_dot, w.nv, 6), velocity_of(w),
+        data_floats(w, DATA.cvel, (nbody, 6)), data_floats(w, DATA.cdof_dot, (w.nv, 6)), velocity_of(w),
         model_ints(w, MODEL.body_parentid, nbody), model_ints(w, MODEL.body_dofadr, nbody),
-        model_ints(w, MODEL.body_dofnum, nbody), rows_of(w, DATA.xipos, nbody, 3),
-        rows_of(w, DATA.subtree_com, nbody, 3), model_ints(w, MODEL.body_rootid, nbody), floats(w.sizes, nbody),
+        model_ints(w, MODEL.body_dofnum, nbody), data_floats(w, DATA.xipos, (nbody, 3)),
+        data_floats(w, DATA.subtree_com, (nbody, 3)), model_ints(w, MODEL.body_rootid, nbody), floats(w.sizes, nbody),
     )  # fmt: skip
     contacts, steps = (pairs.reshape((-1, 2)), gaps), (rows.groups, rows.amounts, rows.rates)
     mocap = model_ints(w, MODEL.body_mocapid, nbody)

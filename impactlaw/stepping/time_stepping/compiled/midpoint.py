@@ -9,15 +9,16 @@ from impactlaw.scene.corrected.rounding import make_orthogonal
 from impactlaw.solvers.cones.algebra.loops import clear, equal, norm, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
-    contact_floats,
+    bodies_of,
     contact_ints,
+    contacts_of,
     data_floats,
     model_floats,
     model_ints,
     number,
     offset,
     option,
-    rows_of,
+    shapes_of,
     size,
     velocity_of,
 )
@@ -31,7 +32,6 @@ from impactlaw.stepping.compiled.fields import (
     int_at,
     ints,
     put_int,
-    table_floats,
 )
 from impactlaw.stepping.compiled.left_out.hidden_edges import hide_edges
 from impactlaw.stepping.time_stepping.compiled.end_of_step import update_frames
@@ -97,14 +97,14 @@ def _set_margins(w, gained, work):
     """
     nbody = size(w, MODEL.nbody)
     qvel, moving, kept = velocity_of(w), data_floats(w, DATA.cvel, 6 * nbody), work[6 * nbody :]
-    now = table_floats(address_of(work), nbody, 6)
+    now = floats(address_of(work), (nbody, 6))
     put(work, moving)
     put(kept, qvel)
     for i in range(w.nv):
         qvel[i] += gained[i]
     mj.com_vel(w.model, w.data)
     put(qvel, kept[: w.nv])
-    _write_margins(w, now, rows_of(w, DATA.cvel, nbody, 6))
+    _write_margins(w, now, data_floats(w, DATA.cvel, (nbody, 6)))
 
 
 @plain
@@ -119,7 +119,7 @@ def _write_margins(w, now, led_to):
         model_floats(w, MODEL.tendon_margin, ntendon),
         model_ints(w, MODEL.geom_bodyid, ngeom), model_ints(w, MODEL.body_rootid, nbody),
         model_ints(w, MODEL.body_treeid, nbody), floats(w.sizes, nbody),
-        rows_of(w, DATA.xipos, nbody, 3), rows_of(w, DATA.subtree_com, nbody, 3), now, led_to,
+        data_floats(w, DATA.xipos, (nbody, 3)), data_floats(w, DATA.subtree_com, (nbody, 3)), now, led_to,
         model_ints(w, MODEL.body_mocapid, nbody), surface_speed(w), w.timestep,
         norm(gravity),
     )  # fmt: skip
@@ -136,14 +136,14 @@ def find_sizes(w, sizes, carriers):
     """
     nbody, ngeom = size(w, MODEL.nbody), size(w, MODEL.ngeom)
     kind, body_of_geom = model_ints(w, MODEL.geom_type, ngeom), model_ints(w, MODEL.geom_bodyid, ngeom)
-    position = model_floats(w, MODEL.geom_pos, 3 * ngeom).reshape((ngeom, 3))
+    position = model_floats(w, MODEL.geom_pos, (ngeom, 3))
     bound = model_floats(w, MODEL.geom_rbound, ngeom)
-    center = model_floats(w, MODEL.body_ipos, 3 * nbody).reshape((nbody, 3))
+    center = model_floats(w, MODEL.body_ipos, (nbody, 3))
     write_sizes(sizes[:nbody], kind, body_of_geom, position, bound, center)
     if w.surfaces != 0:
         write_arms(
             sizes[nbody:], ints(carriers, ngeom), body_of_geom, position, bound,
-            model_floats(w, MODEL.body_pos, 3 * nbody).reshape((nbody, 3)), model_ints(w, MODEL.body_parentid, nbody),
+            model_floats(w, MODEL.body_pos, (nbody, 3)), model_ints(w, MODEL.body_parentid, nbody),
             model_ints(w, MODEL.body_mocapid, nbody),
         )  # fmt: skip
 
@@ -159,8 +159,8 @@ def outrun(w):
         model_floats(w, MODEL.body_margin, nbody), model_floats(w, MODEL.geom_margin, ngeom),
         model_ints(w, MODEL.geom_bodyid, ngeom), model_ints(w, MODEL.body_rootid, nbody),
         model_ints(w, MODEL.body_treeid, nbody), floats(w.sizes, nbody),
-        rows_of(w, DATA.xipos, nbody, 3), rows_of(w, DATA.subtree_com, nbody, 3), rows_of(w, DATA.cvel, nbody, 6),
-        w.timestep,
+        data_floats(w, DATA.xipos, (nbody, 3)), data_floats(w, DATA.subtree_com, (nbody, 3)),
+        data_floats(w, DATA.cvel, (nbody, 6)), w.timestep,
     )  # fmt: skip
 
 
@@ -170,12 +170,12 @@ def detect_farther(w, start, free, middle, margins, work):
     nbody, qvel = size(w, MODEL.nbody), velocity_of(w)
     before = work[6 * nbody : 6 * nbody + len(margins)]
     put(before, margins)
-    led_to = table_floats(address_of(work), nbody, 6)
+    led_to = floats(address_of(work), (nbody, 6))
     put(work, data_floats(w, DATA.cvel, 6 * nbody))
     put(data_floats(w, DATA.qpos, len(middle)), middle)
     put(qvel, start)
     mj.com_vel(w.model, w.data)
-    _write_margins(w, rows_of(w, DATA.cvel, nbody, 6), led_to)
+    _write_margins(w, data_floats(w, DATA.cvel, (nbody, 6)), led_to)
     np.maximum(margins, before, margins)
     full = _find_contacts(w, margins)
     mj.fwd_velocity(w.model, w.data)
@@ -266,17 +266,11 @@ def _mend_contacts(w):
     """Correct contacts as `free_motion._mend_contacts` does; return whether any was changed."""
     if number(w, DATA.ncon) == 0:
         return False
-    frame, dist = contact_floats(w, CONTACT.frame, 9), contact_floats(w, CONTACT.dist, 1)[:, 0]
-    pos, geom = contact_floats(w, CONTACT.pos, 3), contact_ints(w, CONTACT.geom, 2)
-    ngeom, many = size(w, MODEL.ngeom), size(w, MODEL.nbody)
-    body = model_ints(w, MODEL.geom_bodyid, ngeom)
-    weld, tree = model_ints(w, MODEL.body_weldid, many), model_ints(w, MODEL.body_treeid, many)
-    shape, margin = model_ints(w, MODEL.geom_type, ngeom), model_floats(w, MODEL.geom_margin, ngeom)
-    nearer = add_nearest(dist, pos, frame, geom, shape, margin, (w.model, w.data))
+    (dist, pos, frame, geom), (body, weld, tree), shapes = contacts_of(w), bodies_of(w), shapes_of(w)
+    at, margin = (w.model, w.data), model_floats(w, MODEL.geom_margin, size(w, MODEL.ngeom))
+    nearer = add_nearest(dist, pos, frame, geom, shapes[0], margin, at)
     turned = make_orthogonal(frame) or nearer
-    places = rows_of(w, DATA.geom_xpos, ngeom, 3), rows_of(w, DATA.geom_xmat, ngeom, 9)
-    shapes = shape, model_floats(w, MODEL.geom_size, 3 * ngeom).reshape((ngeom, 3)), places[0], places[1]
-    turned = hide_edges(dist, pos, frame, geom, body, weld, tree, shapes, (w.model, w.data)) or turned
+    turned = hide_edges(dist, pos, frame, geom, body, weld, tree, shapes, at) or turned
     moved = put_on_bodies(dist, pos, frame, contact_ints(w, CONTACT.dim, 1)[:, 0], geom, body, weld, tree)
     return put_on_planes(dist, pos, frame, geom, body, weld) or moved or turned
 

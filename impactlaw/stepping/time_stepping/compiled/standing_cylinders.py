@@ -6,17 +6,16 @@ from impactlaw.scene.corrected.rounding import measure_standing
 from impactlaw.solvers.cones.algebra.loops import kernel, numbers, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
-    contact_floats,
-    contact_ints,
+    contacts_of,
     data_floats,
     model_floats,
     model_ints,
     number,
     offset,
-    rows_of,
+    shapes_of,
     size,
 )
-from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, floats, keep
+from impactlaw.stepping.compiled.fields import DATA, MODEL, floats, keep
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import end_velocities
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.standing_cylinders import make_upright
@@ -29,14 +28,12 @@ def find_standing(w, found):
         if not found:
             mj.collision(w.model, w.data)
         return False
-    nbody, ngeom = size(w, MODEL.nbody), size(w, MODEL.ngeom)
-    kind, sizes = model_ints(w, MODEL.geom_type, ngeom), model_floats(w, MODEL.geom_size, 3 * ngeom).reshape((ngeom, 3))
-    place, turn = rows_of(w, DATA.geom_xpos, ngeom, 3), rows_of(w, DATA.geom_xmat, ngeom, 9)
+    nbody, ngeom, (kind, sizes, place, turn) = size(w, MODEL.nbody), size(w, MODEL.ngeom), shapes_of(w)
     motion = (
-        rows_of(w, DATA.cvel, nbody, 6), rows_of(w, DATA.subtree_com, nbody, 3),
+        data_floats(w, DATA.cvel, (nbody, 6)), data_floats(w, DATA.subtree_com, (nbody, 3)),
         model_ints(w, MODEL.body_rootid, nbody), model_ints(w, MODEL.geom_bodyid, ngeom),
         floats(w.model + offset(w, MODEL.opt_gravity), 3), model_ints(w, MODEL.body_mocapid, nbody),
-        rows_of(w, DATA.mocap_pos, size(w, MODEL.nmocap), 3), end_velocities(w),
+        data_floats(w, DATA.mocap_pos, (size(w, MODEL.nmocap), 3)), end_velocities(w),
     )  # fmt: skip
     margins = model_floats(w, MODEL.geom_margin, ngeom), model_floats(w, MODEL.pair_margin, size(w, MODEL.npair))
     room = numbers(9 * ngeom + 3)
@@ -47,8 +44,7 @@ def find_standing(w, found):
     if changed:
         put(data_floats(w, DATA.geom_xmat, 9 * ngeom), room[: 9 * ngeom])
     if number(w, DATA.ncon) > 0:
-        geom, dist = contact_ints(w, CONTACT.geom, 2), contact_floats(w, CONTACT.dist, 1)[:, 0]
-        pos, frame = contact_floats(w, CONTACT.pos, 3), contact_floats(w, CONTACT.frame, 9)
+        dist, pos, frame, geom = contacts_of(w)
         changed = measure_standing(kind, sizes, place, turn, geom, dist, pos, frame) or changed
     keep(room)
     return changed

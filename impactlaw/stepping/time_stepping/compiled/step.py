@@ -22,7 +22,7 @@ from impactlaw.solvers.cones.algebra.loops import (
     zeros,
 )
 from impactlaw.stepping.compiled import libmujoco as mj
-from impactlaw.stepping.compiled.access import data_floats, nonzeros_of, number, size, velocity_of
+from impactlaw.stepping.compiled.access import data_floats, jacobian_of, number, size, velocity_of
 from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, float_at, floats, int_at, keep, long_at
 from impactlaw.stepping.time_stepping.compiled.end_of_step import (
     begins_overlapping,
@@ -197,7 +197,7 @@ def _step(w, law, memory, margins, cone, loaded):
             write_acceleration(w, start)
             status = _end(w, start, middle, bias, False)
             break
-        jacobian, chosen, seen, mark = nonzeros_of(w), marks(n), marks(n), cleared(size(w, MODEL.ntree))
+        jacobian, chosen, seen, mark = jacobian_of(w, False), marks(n), marks(n), cleared(size(w, MODEL.ntree))
         entries = count_entries(w, jacobian, mark)
         block, force = numbers(lay_out(FIRST, n, entries, nv)[1]), numbers(n)
         pairs, gaps = integers(2 * number(w, DATA.ncon)), numbers(number(w, DATA.ncon))

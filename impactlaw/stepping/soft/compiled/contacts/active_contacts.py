@@ -10,15 +10,14 @@ import numpy as np
 from impactlaw.scene.tolerances import OUT_OF_REACH
 from impactlaw.solvers.cones.algebra.loops import cleared, indices, numbers, once, plain, put
 from impactlaw.stepping.compiled.access import (
-    contact_floats,
+    bodies_of,
     contact_ints,
+    contacts_of,
     jacobian_of,
-    model_floats,
     model_ints,
     number,
     option,
-    rows_of,
-    size,
+    shapes_of,
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL
 from impactlaw.stepping.compiled.left_out.hidden_edges import hide_edges
@@ -55,17 +54,9 @@ def _list(w, left_out, row, contact, paired):
 @plain
 def _mark_hidden(w, gap, hidden):
     """Mark contacts with edges, see `hidden_edges.hide_edges`; gap is scratch space. Both are (ncon,)."""
-    ngeom, nbody = size(w, MODEL.ngeom), size(w, MODEL.nbody)
-    shapes = (
-        model_ints(w, MODEL.geom_type, ngeom), model_floats(w, MODEL.geom_size, 3 * ngeom).reshape((ngeom, 3)),
-        rows_of(w, DATA.geom_xpos, ngeom, 3), rows_of(w, DATA.geom_xmat, ngeom, 9),
-    )  # fmt: skip
-    put(gap, contact_floats(w, CONTACT.dist, 1)[:, 0])
-    hide_edges(
-        gap, contact_floats(w, CONTACT.pos, 3), contact_floats(w, CONTACT.frame, 9), contact_ints(w, CONTACT.geom, 2),
-        model_ints(w, MODEL.geom_bodyid, ngeom), model_ints(w, MODEL.body_weldid, nbody),
-        model_ints(w, MODEL.body_treeid, nbody), shapes, (w.model, w.data),
-    )  # fmt: skip
+    (dist, pos, frame, geom), (body, weld, tree) = contacts_of(w), bodies_of(w)
+    put(gap, dist)
+    hide_edges(gap, pos, frame, geom, body, weld, tree, shapes_of(w), (w.model, w.data))
     for i in range(len(gap)):
         hidden[i] = hidden[i] or gap[i] == OUT_OF_REACH
 
@@ -81,7 +72,7 @@ def find(w, constraints):
     row, contact, paired = indices(most), indices(most), indices(most)
     tied, gap = cleared(number(w, DATA.ncon)), numbers(number(w, DATA.ncon))
     if len(constraints) > 0 and number(w, DATA.ne) > 0 and len(tied) > 0:
-        jacobian = jacobian_of(w)
+        jacobian = jacobian_of(w, True)
         mark_tied(w, constraints, jacobian, tied)
     if len(tied) > 1:
         _mark_hidden(w, gap, tied)

@@ -58,7 +58,7 @@ def write_outcome(w, law, found, rows, members, problem, share, calm, x, before,
         before: velocity before the collision, (nv,).
         jump: of the velocity, (nv,).
     """
-    n, nq, jacobian = number(w, DATA.nefc), size(w, MODEL.nq), jacobian_of(w)
+    n, nq, jacobian = number(w, DATA.nefc), size(w, MODEL.nq), jacobian_of(w, True)
     begin, width = 1 + np.int64(law.outcomes[0]), 4 + nq + 2 * (w.nv + n)
     law.outcomes[0] += width
     if begin + width > len(law.outcomes):

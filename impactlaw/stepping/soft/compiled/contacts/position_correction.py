@@ -18,7 +18,6 @@ from impactlaw.stepping.compiled.access import (
     model_ints,
     number,
     offset,
-    rows_of,
     size,
     velocity_of,
 )
@@ -52,7 +51,7 @@ def _find_wanted(w, after, wanted):
     """Write the reference accelerations that rows would have at the velocities `after`, (nefc,)."""
     n = number(w, DATA.nefc)
     table, gap, margin = (
-        rows_of(w, DATA.efc_KBIP, n, 4),
+        data_floats(w, DATA.efc_KBIP, (n, 4)),
         data_floats(w, DATA.efc_pos, n),
         data_floats(w, DATA.efc_margin, n),
     )
@@ -78,7 +77,7 @@ def _since(w, law, found, i, closing, opening, wanted):
 def _move(w, found, since, before):
     """Move each island by its change of velocity times the longest time since one of its contacts has closed."""
     n, many, tree = number(w, DATA.nefc), size(w, MODEL.ntree), model_ints(w, MODEL.dof_treeid, w.nv)
-    (nnz, adr, col, val), island, longest = jacobian_of(w), indices(many), zeros(many)
+    (nnz, adr, col, val), island, longest = jacobian_of(w, True), indices(many), zeros(many)
     join_trees(data_ints(w, DATA.efc_type, n), data_ints(w, DATA.efc_id, n), nnz, adr, col, val, tree, island)
     for i in range(len(since)):
         if since[i] > 0.0:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from impactlaw.solvers.cones.algebra.loops import numbers, once, plain
 from impactlaw.stepping.compiled import libmujoco as mj
-from impactlaw.stepping.compiled.access import contact_ints, data_at, data_floats, number, offset, rows_of
+from impactlaw.stepping.compiled.access import contact_ints, data_at, data_floats, number, offset
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, float_at, keep
 from impactlaw.stepping.soft.compiled.contacts.active_contacts import find, normal_velocities
 from impactlaw.stepping.soft.tolerances import STILL, UNDERDAMPED
@@ -16,7 +16,7 @@ def bounces(w):
     n, first = number(w, DATA.nefc), number(w, DATA.ne) + number(w, DATA.nf)
     if n == first:
         return False
-    impedance = rows_of(w, DATA.efc_KBIP, n, 4)
+    impedance = data_floats(w, DATA.efc_KBIP, (n, 4))
     for r in range(first, n):
         if impedance[r, 1] * impedance[r, 1] < UNDERDAMPED * 4.0 * impedance[r, 0]:
             return True
@@ -27,7 +27,7 @@ def bounces(w):
 def hold_back(w, law):
     """Reduce the reference accelerations of contacts that would rebound; return whether any is."""
     n, found = number(w, DATA.nefc), find(w, law.bilateral[:0])
-    table, wanted, h = rows_of(w, DATA.efc_KBIP, n, 4), data_floats(w, DATA.efc_aref, n), len(found.row)
+    table, wanted, h = data_floats(w, DATA.efc_KBIP, (n, 4)), data_floats(w, DATA.efc_aref, n), len(found.row)
     gamma, aim, reached, rows, held = numbers(h), numbers(h), numbers(h), numbers(n), False
     mj.mul_jac_vec(w.model, w.data, address_of(rows), data_at(w, DATA.qacc))
     normal_velocities(found, data_floats(w, DATA.efc_vel, n), gamma)

@@ -87,7 +87,7 @@ def read(w, jacobian, metric, velocity, start, free, chosen, frictional, mark, r
 
     Args:
         w: the world with current contacts.
-        jacobian: `access.nonzeros_of`.
+        jacobian: `access.jacobian_of`, without zeros.
         metric: the mass matrix of the step.
         velocity: velocities of MuJoCo's rows, including belts, (nefc,); (0,) to leave belts out.
         start: velocity at the start, (nv,).
@@ -141,7 +141,7 @@ def attempt(w, jacobian, chosen, start, moved, free, known, rounds, law, phases,
 
     Args:
         w: the world in the middle of the step.
-        jacobian: `access.nonzeros_of`.
+        jacobian: `access.jacobian_of`, without zeros.
         chosen: the rows, bool (nefc,).
         start: velocity at the start, (nv,).
         moved: velocity added to it before a collision, (nv,), see `inertial_forces`; (0,) to add nothing.

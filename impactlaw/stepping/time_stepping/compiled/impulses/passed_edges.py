@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.stepping.compiled.access import (
-    contact_floats,
+    bodies_of,
     contact_ints,
+    contacts_of,
     model_floats,
     model_ints,
     offset,
@@ -18,20 +19,14 @@ from impactlaw.stepping.time_stepping.problem.detection.passed_edges import leav
 
 @plain
 def _contacts(w):
-    return (
-        contact_floats(w, CONTACT.dist, 1)[:, 0], contact_floats(w, CONTACT.frame, 9),
-        contact_ints(w, CONTACT.geom, 2), contact_ints(w, CONTACT.efc_address, 1)[:, 0],
-    )  # fmt: skip
+    gap, _, frame, geom = contacts_of(w)
+    return gap, frame, geom, contact_ints(w, CONTACT.efc_address, 1)[:, 0]
 
 
 @plain
 def _geometry(w):
-    nbody, ngeom = size(w, MODEL.nbody), size(w, MODEL.ngeom)
-    return (
-        model_ints(w, MODEL.geom_type, ngeom), model_ints(w, MODEL.geom_bodyid, ngeom),
-        model_ints(w, MODEL.body_weldid, nbody), model_ints(w, MODEL.body_treeid, nbody),
-        model_ints(w, MODEL.body_rootid, nbody), model_ints(w, MODEL.body_mocapid, nbody),
-    )  # fmt: skip
+    nbody, shape = size(w, MODEL.nbody), model_ints(w, MODEL.geom_type, size(w, MODEL.ngeom))
+    return shape, *bodies_of(w), model_ints(w, MODEL.body_rootid, nbody), model_ints(w, MODEL.body_mocapid, nbody)
 
 
 @plain
@@ -44,7 +39,7 @@ def doubt(w, chosen, doubtful):
 def look_ahead(w, jacobian, middle, chosen, seen, doubtful):
     """Take contacts out of those that are seen if bodies pass over them, see `pass_over`."""
     ngeom, qvel = size(w, MODEL.ngeom), velocity_of(w)
-    extent = model_floats(w, MODEL.geom_aabb, 6 * ngeom).reshape((ngeom, 6))
+    extent = model_floats(w, MODEL.geom_aabb, (ngeom, 6))
     qpos = floats(long_at(w.scratch + offset(w, DATA.qpos)), len(middle))
     at = w.model, w.scratch, address_of(qpos), address_of(qvel)
     pass_over(_contacts(w), _geometry(w), extent, jacobian, qvel, w.timestep, middle, qpos, at, chosen, seen, doubtful)

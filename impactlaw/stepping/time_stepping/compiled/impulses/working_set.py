@@ -71,7 +71,7 @@ def find_impulses(
         gravity: room for the force of gravity, (nv,), if there are such trees.
         bias: inertial forces, with gravity, that gave the velocity without contact, (nv,).
         rounds: rounds of the slower solvers.
-        jacobian: `access.nonzeros_of`.
+        jacobian: `access.jacobian_of`, without zeros.
         chosen: room for marks of MuJoCo's rows, (nefc,).
         seen: room for marks of MuJoCo's rows, (nefc,).
         doubtful: room for marks of contacts, False, (ncon,).

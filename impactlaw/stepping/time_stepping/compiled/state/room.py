@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impactlaw.solvers.cones.algebra.loops import kernel, plain, put
-from impactlaw.stepping.compiled.fields import bools, floats, ints, longs, table_floats, table_ints
+from impactlaw.stepping.compiled.fields import bools, floats, ints, longs
 from impactlaw.stepping.time_stepping.compiled.state.sums import SUMS
 from impactlaw.stepping.time_stepping.problem.rows import Known, Rows
 
@@ -81,8 +81,8 @@ def rows_at(at, g, n, m):
     sparse = groups + 16 * g
     colind = sparse + 8 * ((3 * n + 1) // 2)
     return Rows(
-        table_ints(sparse, 3, n), ints(colind, m), floats(at, m), table_ints(groups, 4, g), longs(key, g),
-        table_floats(amounts, 2, g), table_floats(rates, 7, n),
+        ints(sparse, (3, n)), ints(colind, m), floats(at, m), ints(groups, (4, g)), longs(key, g),
+        floats(amounts, (2, g)), floats(rates, (7, n)),
     )  # fmt: skip
 
 
@@ -114,8 +114,8 @@ def known_at(at, g, n):
     scale = at + 8 * g
     impulses = scale + 8 * n
     turns = impulses + 8 * n
-    groups = table_ints(turns + 16 * n, 4, g)
-    return Known(groups, longs(at, g), floats(scale, n), floats(impulses, n), table_floats(turns, 2, n))
+    groups = ints(turns + 16 * n, (4, g))
+    return Known(groups, longs(at, g), floats(scale, n), floats(impulses, n), floats(turns, (2, n)))
 
 
 @plain

@@ -17,7 +17,7 @@ from impactlaw.scene.tolerances import BLOW, PUT
 from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import contact_floats, contact_ints, data_floats, model_ints, offset, size
-from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, float_at, floats, table_floats
+from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, float_at, floats
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 
 _MEETS = 2.0
@@ -100,7 +100,7 @@ def _head(w):
 
 @kernel
 def _rows(w):
-    return table_floats(w.surfaces + 8 * len(HEAD), size(w, MODEL.nmocap), ROW.width)
+    return floats(w.surfaces + 8 * len(HEAD), (size(w, MODEL.nmocap), ROW.width))
 
 
 @plain
