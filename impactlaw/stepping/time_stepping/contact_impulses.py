@@ -109,6 +109,13 @@ class ContactProblem:
         dissipative = {"project": 1.0, "allow": 0.0, "raise": -1.0}[self._on_inadmissible]
         return self._rest_speed, self._sliding, float(self._exact), dissipative
 
+    def inadmissible(self, created: float, time: float) -> InadmissibleImpactError:
+        """Return the error of a step in which the law creates some energy, J."""
+        return InadmissibleImpactError(
+            f"{self.law!r} creates {created:.3g} J at t = {time:.6g} s; choose a dissipative law, or "
+            'on_inadmissible="project" or "allow"'
+        )
+
     def find(self, step: Start, rows: Rows, known: Known | None, rounds: int, *, phases: bool) -> StepImpulses:
         """Return the impulses and velocities of the contacts in a step.
 
@@ -215,10 +222,7 @@ class ContactProblem:
         if not np.isfinite(answer.missed):
             raise DivergenceError(f"the forces at t = {step.data.time - h:.6g} s are not finite")
         if scaled and created > 0.0 and self._on_inadmissible == "raise":
-            raise InadmissibleImpactError(
-                f"{self.law!r} creates {created:.3g} J at t = {step.data.time - h:.6g} s; choose a dissipative law, or "
-                'on_inadmissible="project" or "allow"'
-            )
+            raise self.inadmissible(created, step.data.time - h)
         none = np.zeros(len(rows.key), dtype=bool)
         scalable = created > 0.0 and self._on_inadmissible != "allow"
         return _Phase(rows, np.arange(n), none, False, scalable, collides, seen, together, answer)

@@ -19,7 +19,7 @@ from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.stepping.compiled.whitening import Inertia
 from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
 from impactlaw.stepping.time_stepping.margins import find_outrun, find_sizes, set_margins
-from impactlaw.stepping.time_stepping.problem.detection.contact_points import find_nearest, mend_contacts
+from impactlaw.stepping.time_stepping.problem.detection.contact_points import mend_contacts
 from impactlaw.stepping.time_stepping.problem.forces import without_far_limits
 from impactlaw.stepping.time_stepping.standing_cylinders import find_standing
 from impactlaw.stepping.time_stepping.temporary_options import TemporaryOptions
@@ -161,11 +161,9 @@ def _mend_contacts(model: mujoco.MjModel, data: mujoco.MjData, *, mended: bool) 
     Rows of constraints are made again if anything changes, or contacts were mended before.
     """
     found, bodies = data.contact, (model.geom_bodyid, model.body_weldid, model.body_treeid)
-    shapes = model.geom_type, model.geom_size, data.geom_xpos, data.geom_xmat
-    if data.ncon:
-        mended |= find_nearest(model, data)
-    at = model._address, data._address
-    if data.ncon and mend_contacts(found.dist, found.pos, found.frame, found.dim, found.geom, *bodies, shapes, at):
+    shapes, at = (model.geom_type, model.geom_size, data.geom_xpos, data.geom_xmat), (model._address, data._address)
+    contacts = found.dist, found.pos, found.frame, found.geom
+    if data.ncon and mend_contacts(contacts, found.dim, bodies, shapes, model.geom_margin, at):
         mended = True
     if mended:
         mujoco.mj_makeConstraint(model, data)

@@ -75,6 +75,8 @@ class TimeStepping:
     The only other option is ``touching``, the gap, m or rad, up to which bodies at rest touch.
 
     Attributes:
+        model: the scene.
+        problem: the contact problem, which finds impulses, with the law and the properties of contacts.
         shortfall: largest amount by which a normal contact velocity of the last step misses the law, m/s or rad/s.
         short_steps: number of steps so far for which one of the following is true. The shortfall is above
             `SHORTFALL_LIMIT` of the largest contact velocity. Friction was not found: its natural map is above
@@ -99,8 +101,8 @@ class TimeStepping:
         touching: float = TOUCHING,
     ):
         check_time_stepping(model)
-        self._model, self._touching = model, touching
-        self._problem = ContactProblem(
+        self.model, self._touching = model, touching
+        self.problem = ContactProblem(
             model, law, friction=friction, on_inadmissible=on_inadmissible, rest_speed=rest_speed
         )
         self._friction = plan.friction
@@ -130,28 +132,18 @@ class TimeStepping:
 
     def set_law(self, law: Law) -> None:
         """Use another law for the collisions of the next steps."""
-        self._problem = self._problem.under(law)
-
-    @property
-    def model(self) -> mujoco.MjModel:
-        """The scene."""
-        return self._model
+        self.problem = self.problem.under(law)
 
     @property
     def carriers(self) -> np.ndarray:
         """The mocap body that carries each geom, see `Surfaces`, int32 (ngeom,)."""
-        none = np.full(self._model.ngeom, -1, np.int32)
+        none = np.full(self.model.ngeom, -1, np.int32)
         return none if self._surfaces is None else self._surfaces.carrier
-
-    @property
-    def problem(self) -> ContactProblem:
-        """The contact problem, which finds impulses, with the law and the properties of contacts."""
-        return self._problem
 
     def coefficients(self) -> Coefficients:
         """Return a table of the law's coefficients, initially empty."""
-        problem = self._problem
-        return Coefficients(problem.targets, problem.names, problem.limits, self._model.njnt)
+        problem = self.problem
+        return Coefficients(problem.targets, problem.names, problem.limits, self.model.njnt)
 
     @property
     def last_motion(self) -> LastMotion | None:
@@ -167,12 +159,7 @@ class TimeStepping:
         """Continue with these surfaces, moved by mocap bodies, if the scene has any."""
         if self._surfaces is not None:
             self._surfaces = surfaces
-            self._reader = RowReader(self._model, surfaces, frictional=self._friction, touching=self._touching)
-
-    @property
-    def law(self) -> Law:
-        """The law."""
-        return self._problem.law
+            self._reader = RowReader(self.model, surfaces, frictional=self._friction, touching=self._touching)
 
     def resume(
         self, data: mujoco.MjData, known: Known, gained: np.ndarray, motion: LastMotion | None, *, solved: bool
@@ -188,7 +175,7 @@ class TimeStepping:
             solved: whether that step has met the law.
         """
         with self._options:
-            update_frames(self._model, data)
+            update_frames(self.model, data)
         self._leave(data)
         self._known, self._gained, self.solved = known if len(known.key) else None, gained[0].copy(), solved
         self._held = gained[1].copy()
@@ -196,9 +183,9 @@ class TimeStepping:
 
     def settings(self) -> tuple[float, ...]:
         """Return the options in the form of compiled code, see `compiled.state.world.Settings`."""
-        targets = self._problem.targets
+        targets = self.problem.targets
         return (
-            *self._problem.settings(),
+            *self.problem.settings(),
             float(self._friction),
             float(self.inertial.act),
             float(self._options.sticks),
@@ -213,7 +200,7 @@ class TimeStepping:
 
     def step(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
         """Advance by one timestep; return a function for its collisions, or (). After an error, data is as before."""
-        model = self._model
+        model = self.model
         state, motion = save_state(model, data, self._state), self.last_motion
         kept = self._known, self._gained, self._held, self.solved, self.short_steps
         check_input(model, data, state)
@@ -237,7 +224,7 @@ class TimeStepping:
         return partial(events_of, collisions) if collisions else ()
 
     def _step(self, data: mujoco.MjData) -> None:
-        model, h = self._model, self._model.opt.timestep
+        model, h = self.model, self.model.opt.timestep
         self._found = self._rows = None
         self.shortfall = 0.0
         same = (data.qpos.tobytes(), data.qvel.tobytes()) == self._left
@@ -288,7 +275,7 @@ class TimeStepping:
         Return the velocity that opens overlaps, if there are any to open, and whether the law is met.
         """
         working_set = WorkingSet(
-            self._model, self._problem, self._reader, self._edges, self.inertial, self._velocity, self._middle,
+            self.model, self.problem, self._reader, self._edges, self.inertial, self._velocity, self._middle,
             self._metric, np.ones(1), MANY_ROUNDS if self.solved else FEW_ROUNDS,
         )  # fmt: skip
         free = data.qvel.copy()
@@ -298,7 +285,7 @@ class TimeStepping:
             if farther == WIDER_DETECTIONS or not work - RESERVE > used:  # a further attempt would find worse impulses
                 break
             self._overflown = detect_farther(
-                self._model, data, self._options, self._velocity, free, self._middle, self._sizes, self._surfaces
+                self.model, data, self._options, self._velocity, free, self._middle, self._sizes, self._surfaces
             )
             outcome, farther = working_set.find(data, outcome.known), farther + 1
         self._found, self._rows = outcome.impulses, outcome.rows
@@ -306,7 +293,7 @@ class TimeStepping:
         found = self._found
         data.qpos[:] = self._middle  # the integrator has changed it: limits are counted at the midpoint
         write_forces(
-            self._model, data, self._velocity, self._options.cone, (outcome.rows, found.impulse) if found else None
+            self.model, data, self._velocity, self._options.cone, (outcome.rows, found.impulse) if found else None
         )
         met = outcome.met and not self._overflown
         self.solved = met and not outcome.loses and not outruns
@@ -324,14 +311,14 @@ class TimeStepping:
     def _outruns(self, data: mujoco.MjData, outcome: Outcome) -> bool:
         """Return whether a collision throws a body farther than contacts were looked for, although there was room."""
         collides = outcome.impulses is not None and len(outcome.impulses.collisions) > 0
-        return collides and not self._overflown and outrun(self._model, data, self._sizes)
+        return collides and not self._overflown and outrun(self.model, data, self._sizes)
 
     def _finish(self, data: mujoco.MjData) -> None:
         """Write the remaining outputs of a step beside the state."""
-        if self._model.opt.enableflags & _ENERGY:
-            update_inertia(self._model, data)
-            mujoco.mj_energyPos(self._model, data)
-            mujoco.mj_energyVel(self._model, data)
+        if self.model.opt.enableflags & _ENERGY:
+            update_inertia(self.model, data)
+            mujoco.mj_energyPos(self.model, data)
+            mujoco.mj_energyVel(self.model, data)
         data.qacc_warmstart[:] = data.qacc
         self._leave(data)
 

@@ -236,8 +236,8 @@ def _opens(w, rows, depth, slow):
     """Open overlaps of some depth; return whether there are any."""
     put_int(w.model + offset(w, MODEL.opt_cone), np.int32(_ELLIPTIC))
     if setting(w, SETTING.sticks) == 0.0:
-        limit_margins(w.model, w.table, BEYOND * depth)
-    widen_limits(w.model, w.table, BEYOND * depth)
+        limit_margins(w, BEYOND * depth)
+    widen_limits(w, BEYOND * depth)
     now = World(
         w.model, w.scratch, w.scratch, w.table, w.settings, w.sizes, w.bilateral, w.nv, w.timestep, w.damped, 0, 0
     )  # fmt: skip

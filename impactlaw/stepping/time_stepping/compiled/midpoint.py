@@ -5,7 +5,6 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.scene.corrected.rounding import make_orthogonal
 from impactlaw.solvers.cones.algebra.loops import clear, equal, norm, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
@@ -33,7 +32,6 @@ from impactlaw.stepping.compiled.fields import (
     ints,
     put_int,
 )
-from impactlaw.stepping.compiled.left_out.hidden_edges import hide_edges
 from impactlaw.stepping.time_stepping.compiled.end_of_step import update_frames
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import settle
 from impactlaw.stepping.time_stepping.compiled.limits import hide_far_limits, narrow_limits
@@ -48,7 +46,7 @@ from impactlaw.stepping.time_stepping.compiled.state.surfaces import (
 )
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.margins import ALWAYS, outruns, write_arms, write_margins, write_sizes
-from impactlaw.stepping.time_stepping.problem.detection.contact_points import add_nearest, put_on_bodies, put_on_planes
+from impactlaw.stepping.time_stepping.problem.detection.contact_points import mend
 from impactlaw.stepping.time_stepping.tolerances import SHARES
 
 _EULER, _CONSTRAINT = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
@@ -193,7 +191,7 @@ def detect_limits(w, start, free, middle):
     put(data_floats(w, DATA.qpos, len(middle)), middle)
     put(qvel, start)
     mj.com_vel(w.model, w.data)  # constraint targets depend on it, and `settle` has left that of another velocity
-    widen_limits(w.model, w.table, ALWAYS)
+    widen_limits(w, ALWAYS)
     seen = warnings[2 * _ROWS_FULL + 1]
     mj.make_constraint(w.model, w.data)
     mj.reference_constraint(w.model, w.data)
@@ -266,13 +264,8 @@ def _mend_contacts(w):
     """Correct contacts as `free_motion._mend_contacts` does; return whether any was changed."""
     if number(w, DATA.ncon) == 0:
         return False
-    (dist, pos, frame, geom), (body, weld, tree), shapes = contacts_of(w), bodies_of(w), shapes_of(w)
-    at, margin = (w.model, w.data), model_floats(w, MODEL.geom_margin, size(w, MODEL.ngeom))
-    nearer = add_nearest(dist, pos, frame, geom, shapes[0], margin, at)
-    turned = make_orthogonal(frame) or nearer
-    turned = hide_edges(dist, pos, frame, geom, body, weld, tree, shapes, at) or turned
-    moved = put_on_bodies(dist, pos, frame, contact_ints(w, CONTACT.dim, 1)[:, 0], geom, body, weld, tree)
-    return put_on_planes(dist, pos, frame, geom, body, weld) or moved or turned
+    dim, margin = contact_ints(w, CONTACT.dim, 1)[:, 0], model_floats(w, MODEL.geom_margin, size(w, MODEL.ngeom))
+    return mend(contacts_of(w), dim, bodies_of(w), shapes_of(w), margin, (w.model, w.data))
 
 
 @plain

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.solvers.cones.algebra.loops import plain, put
+from impactlaw.stepping.compiled.access import model_floats, size
 from impactlaw.stepping.compiled.fields import (
     MODEL,
     SIZE,
@@ -107,20 +108,19 @@ def is_damped(model, table):
 
 
 @plain
-def limit_margins(model, table, reach):
+def limit_margins(w, reach):
     """Reduce margins so that no contact is found farther away than this reach, m."""
     for field, many in (
         (MODEL.body_margin, MODEL.nbody),
         (MODEL.geom_margin, MODEL.ngeom),
         (MODEL.pair_margin, MODEL.npair),
     ):
-        n = long_at(model + _at(table, many))
-        margin = floats(long_at(model + _at(table, field)), n)
+        margin = model_floats(w, field, size(w, many))
         np.minimum(margin, reach, margin)
 
 
 @plain
-def widen_limits(model, table, reach):
+def widen_limits(w, reach):
     """Increase margins so that limits of joints are found at least up to this reach, m or rad."""
-    margin = floats(long_at(model + _at(table, MODEL.jnt_margin)), long_at(model + _at(table, MODEL.njnt)))
+    margin = model_floats(w, MODEL.jnt_margin, size(w, MODEL.njnt))
     np.maximum(margin, reach, margin)

@@ -10,7 +10,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from impactlaw.errors import DivergenceError, InadmissibleImpactError
+from impactlaw.errors import DivergenceError
 from impactlaw.laws import Law
 from impactlaw.scene.equality_constraints import constraint_kinds
 from impactlaw.solvers import load_solvers
@@ -144,10 +144,7 @@ class CompiledStepping(OneWorld):
         if how == status.HUGE_INPUT:
             check_input(self._model, data, self._state)
         if how == status.CREATES:
-            return InadmissibleImpactError(
-                f"{self._scheme.law!r} creates {self.numbers[MEMORY.created]:.3g} J at t = {data.time:.6g} s; choose "
-                'a dissipative law, or on_inadmissible="project" or "allow"'
-            )
+            return self._scheme.problem.inadmissible(float(self.numbers[MEMORY.created]), data.time)
         if how == status.NOT_FINITE:
             return DivergenceError(f"the forces at t = {data.time:.6g} s are not finite")
         return DivergenceError(f"position or velocity is not finite, or huge, at t = {data.time:.6g} s")

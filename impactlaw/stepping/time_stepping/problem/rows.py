@@ -57,55 +57,16 @@ class Rows(NamedTuple):
         """Return these rows with their impulses, (n,), as an initial guess for later problems."""
         return Known(self.groups, self.key, self.scale, impulse, self.rates[5:])
 
-    @property
-    def first(self) -> np.ndarray:
-        """First row of each group, int32 (g,)."""
-        return self.groups[0]
-
-    @property
-    def size(self) -> np.ndarray:
-        """Number of rows of each group, int32 (g,)."""
-        return self.groups[1]
-
-    @property
-    def kind(self) -> np.ndarray:
-        """Kind of each group, int32 (g,)."""
-        return self.groups[2]
-
-    @property
-    def source(self) -> np.ndarray:
-        """Source of each group, int32 (g,)."""
-        return self.groups[3]
-
-    @property
-    def gap(self) -> np.ndarray:
-        """Gap of each group, m or rad, (g,)."""
-        return self.amounts[0]
-
-    @property
-    def row(self) -> np.ndarray:
-        """MuJoCo's row for each row, int32 (n,)."""
-        return self.sparse[2]
-
-    @property
-    def scale(self) -> np.ndarray:
-        """Coefficient of friction of friction rows, else 1, (n,)."""
-        return self.rates[0]
-
-    @property
-    def before(self) -> np.ndarray:
-        """``J v``, (n,)."""
-        return self.rates[1]
-
-    @property
-    def free(self) -> np.ndarray:
-        """``J v_free``, (n,)."""
-        return self.rates[2]
-
-    @property
-    def compliance(self) -> np.ndarray:
-        """R of soft equalities, else 0, (n,)."""
-        return self.rates[4]
+    first = property(lambda self: self.groups[0], doc="First row of each group, int32 (g,).")
+    size = property(lambda self: self.groups[1], doc="Number of rows of each group, int32 (g,).")
+    kind = property(lambda self: self.groups[2], doc="Kind of each group, int32 (g,).")
+    source = property(lambda self: self.groups[3], doc="Source of each group, int32 (g,).")
+    gap = property(lambda self: self.amounts[0], doc="Gap of each group, m or rad, (g,).")
+    row = property(lambda self: self.sparse[2], doc="MuJoCo's row for each row, int32 (n,).")
+    scale = property(lambda self: self.rates[0], doc="Coefficient of friction of friction rows, else 1, (n,).")
+    before = property(lambda self: self.rates[1], doc="``J v``, (n,).")
+    free = property(lambda self: self.rates[2], doc="``J v_free``, (n,).")
+    compliance = property(lambda self: self.rates[4], doc="R of soft equalities, else 0, (n,).")
 
 
 class Source(NamedTuple):

@@ -22,7 +22,6 @@ from impactlaw.stepping.time_stepping.compiled.impulses.phases import resolve_in
 from impactlaw.stepping.time_stepping.compiled.state.kinds import (
     BOOLEAN,
     INTEGER,
-    JACOBIAN,
     LAW,
     MARKS,
     NUMBERS,
@@ -37,7 +36,15 @@ from impactlaw.stepping.time_stepping.compiled.state.surfaces import add_surface
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, metric_of, setting
 from impactlaw.stepping.time_stepping.problem.energy import add_before
 from impactlaw.stepping.time_stepping.problem.gradient_turns import write_recalled
-from impactlaw.stepping.time_stepping.problem.rows import KNOWN, Source, count_groups, entries_of, find_near, write_rows
+from impactlaw.stepping.time_stepping.problem.rows import (
+    JACOBIAN,
+    KNOWN,
+    Source,
+    count_groups,
+    entries_of,
+    find_near,
+    write_rows,
+)
 from impactlaw.stepping.time_stepping.problem.targets import write_closing
 from impactlaw.stepping.time_stepping.problem.tiny_gaps import TOUCHING
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.compiled import compiled
+from impactlaw.compiled import for_python
 from impactlaw.scene.corrected.rounding import make_orthogonal
 from impactlaw.scene.tolerances import APART
 from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain
@@ -214,9 +214,7 @@ def put_on_planes(dist, pos, frame, geom, body_of_geom, weld):
     return moved
 
 
-@compiled()
-def _add_nearest(dist, pos, frame, geom, shape, margin, at):
-    return add_nearest(dist, pos, frame, geom, shape, margin, at)
+_add_nearest = for_python(add_nearest)
 
 
 def find_nearest(model: mujoco.MjModel, data: mujoco.MjData) -> bool:
@@ -226,10 +224,25 @@ def find_nearest(model: mujoco.MjModel, data: mujoco.MjData) -> bool:
     return bool(_add_nearest(found.dist, found.pos, found.frame, found.geom, kind, margin, at))
 
 
-@compiled()
-def mend_contacts(dist, pos, frame, dim, geom, body_of_geom, weld, tree, shapes, at):
-    """Apply `make_orthogonal`, `hide_edges`, `put_on_bodies`, `put_on_planes`; return whether anything was changed."""
-    turned = make_orthogonal(frame)
+@kernel
+def mend(contacts, dim, bodies, shapes, margin, at):
+    """Correct contacts; return whether anything was changed.
+
+    Args:
+        contacts: gaps, points, frames and geoms of contacts, see `add_nearest`; written.
+        dim: MuJoCo's condim of contacts, (ncon,).
+        bodies: MuJoCo's geom_bodyid, body_weldid and body_treeid.
+        shapes: MuJoCo's geom_type, geom_size, geom_xpos and geom_xmat.
+        margin: see `add_nearest`, like the next one.
+        at: addresses.
+    """
+    (dist, pos, frame, geom), (body_of_geom, weld, tree) = contacts, bodies
+    nearer = add_nearest(dist, pos, frame, geom, shapes[0], margin, at)
+    turned = make_orthogonal(frame) or nearer
     turned = hide_edges(dist, pos, frame, geom, body_of_geom, weld, tree, shapes, at) or turned
     moved = put_on_bodies(dist, pos, frame, dim, geom, body_of_geom, weld, tree)
     return put_on_planes(dist, pos, frame, geom, body_of_geom, weld) or moved or turned
+
+
+mend_contacts = for_python(mend)
+"""The form of `mend` that Python calls."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.compiled import compiled
+from impactlaw.compiled import for_python
 from impactlaw.scene.tolerances import APART, TOUCHING
 from impactlaw.solvers.cones.algebra.loops import cleared, integers, kernel, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
@@ -165,14 +165,7 @@ def _hits(geom, address, at, chosen, seen, doubtful, hit):
     return many
 
 
-@compiled()
-def _leave_doubtful(contacts, geometry, chosen, doubtful):
-    return leave_doubtful(contacts, geometry, chosen, doubtful)
-
-
-@compiled()
-def _pass_over(contacts, geometry, extent, jacobian, velocity, timestep, middle, qpos, at, chosen, seen, doubtful):
-    pass_over(contacts, geometry, extent, jacobian, velocity, timestep, middle, qpos, at, chosen, seen, doubtful)
+_leave_doubtful, _pass_over = map(for_python, (leave_doubtful, pass_over))
 
 
 class PassedEdges:
