@@ -115,8 +115,3 @@ class Limits:
         position, normal = np.zeros((len(code), 3)), np.zeros((len(code), 3))
         position[joint], normal[joint] = data.xanchor[number[joint]], data.xaxis[number[joint]] * side[joint]
         return position, normal
-
-
-def joined(contacts: Contacts, limits: Contacts) -> Contacts:
-    """Return contacts between geoms, followed by limits."""
-    return contacts.followed_by(limits) if len(contacts) else limits

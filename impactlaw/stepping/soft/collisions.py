@@ -19,19 +19,19 @@ from impactlaw.mechanics.kinetic_metric import KineticMetric
 from impactlaw.scene.contacts import Contacts, active_contacts, closes, gap_gradients, geom_names
 from impactlaw.scene.equality_constraints import bilateral_constraints, bilateral_rows
 from impactlaw.scene.friction_rows import active_friction
-from impactlaw.scene.joint_limits import Limits, joined
+from impactlaw.scene.joint_limits import Limits
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.solvers.friction.solve import THOROUGH
 from impactlaw.stepping.collisions import Closed, Collider, kinetic_metric
 from impactlaw.stepping.impact_event import ImpactEvent
-from impactlaw.stepping.integration import is_huge, joint_inertia, locked_joints
+from impactlaw.stepping.integration import is_huge
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.soft.drifting_limits import drifting
 from impactlaw.stepping.soft.driving_constraints import Constraints, is_dragged
-from impactlaw.stepping.soft.locked_joints import with_locked_joints
+from impactlaw.stepping.soft.locked_joints import added_inertia, with_locked_joints
 from impactlaw.stepping.soft.position_correction import put_back
-from impactlaw.stepping.soft.rebounds import Normals, bounces, hold_back, normals
-from impactlaw.stepping.soft.tolerances import LOCKED, OPENING, ROUNDING, WORK
+from impactlaw.stepping.soft.rebounds import Normals, hold_back, normals
+from impactlaw.stepping.soft.tolerances import OPENING, ROUNDING, WORK
 from impactlaw.stepping.work import Work
 
 POSITION, VELOCITY = int(mujoco.mjtStage.mjSTAGE_POS), int(mujoco.mjtStage.mjSTAGE_VEL)
@@ -86,11 +86,7 @@ class Collisions:
         """
         rows, speed, surfaces = data.efc_vel, self.rest_speed, self.surfaces
         still = surfaces is None or surfaces.still
-        if still and (
-            not len(rows) or not rows.item(rows.argmin()) < -speed or not closes(self.model, data, rows, speed)
-        ):
-            return NOTHING
-        if is_huge(data):  # MuJoCo's next check reports it
+        if (still and not closes(self.model, data, rows, speed)) or is_huge(data):  # MuJoCo's next check reports that
             return NOTHING
         if still and self._is_too_much(data):
             self.short_steps += 1
@@ -152,11 +148,6 @@ class Collisions:
             return True
         return False
 
-    @staticmethod
-    def bounces(data: mujoco.MjData) -> bool:
-        """Return whether a contact is a spring that would throw bodies back by itself; see `rebounds`."""
-        return bounces(data)
-
     def hold_back(self, data: mujoco.MjData) -> bool:
         """Keep contacts that the law is for from bouncing by themselves; return whether any of them would have."""
         return hold_back(self.model, data, self._normals(data), self.rest_speed)
@@ -202,7 +193,7 @@ class Collisions:
 
     def metric(self, data: mujoco.MjData) -> KineticMetric:
         """Return the kinetic metric; joints that damping all but locks have the integrator's inertia ``M + h D``."""
-        metric, added = kinetic_metric(self.model, data), self._added()
+        metric, added = kinetic_metric(self.model, data), added_inertia(self.model)
         return metric if added is None else KineticMetric(metric.mass_matrix + np.diag(added))
 
     def bilateral_rows(self, data: mujoco.MjData, calm: np.ndarray) -> np.ndarray | None:
@@ -210,15 +201,9 @@ class Collisions:
 
         Which of nearly redundant rows count depends on the metric, which is that of the collision.
         """
-        added = self._added()
+        added = added_inertia(self.model)
         with nullcontext() if added is None else with_locked_joints(self.model, data, added):
             return bilateral_rows(self.model, data, self.bilateral, calm=calm)
-
-    def _added(self) -> np.ndarray | None:
-        """Return h D of joints that damping all but locks, and 0 for others, (nv,); None if there are none."""
-        added = joint_inertia(self.model)
-        locked = locked_joints(self.model, added, LOCKED)
-        return None if added is None or locked is None else np.where(locked, added, 0.0)
 
     def _without_restitution(
         self, data: mujoco.MjData, closed: Closed, gamma: np.ndarray, events: list[ImpactEvent]
@@ -241,27 +226,20 @@ class Collisions:
     def closed(self, data: mujoco.MjData) -> Closed:
         """Return the contacts and limits that MuJoCo's solver acts on now, as closed contacts without constraints."""
         contacts, jacobian = self.active(data)
-        friction = self._friction_of(data, contacts) if self.friction and data.ncon else None
+        found = None
+        if self.friction and data.ncon:
+            found = active_friction(self.model, data, contacts.select(contacts.geoms[:, 0] >= 0), self.surfaces)
         drift = None if self.surfaces is None else self.surfaces.drift(data, contacts)
-        return Closed(contacts, jacobian, None, drift, friction=friction)
+        return Closed(contacts, jacobian, None, drift, friction=None if found is None else Friction(*found))
 
     def active(self, data: mujoco.MjData) -> tuple[Contacts, np.ndarray]:
         """Return the contacts and limits that MuJoCo's solver acts on now, and their gradients, (h, nv)."""
-        rows = self.limits.read(data) if data.nl else None
-        limits = None if rows is None else self.limits.contacts(data, rows)
-        if rows is not None and limits is not None and data.ncon == 0:
-            return limits, rows.jacobian
         contacts = active_contacts(self.model, data, self.names)
         jacobian = gap_gradients(self.model, data, contacts)
-        if rows is None or limits is None:
+        if not data.nl:
             return contacts, jacobian
-        return joined(contacts, limits), np.vstack([jacobian, rows.jacobian])
-
-    def _friction_of(self, data: mujoco.MjData, contacts: Contacts) -> Friction | None:
-        between = contacts.geoms[:, 0] >= 0
-        surfaces = self.surfaces
-        found = active_friction(self.model, data, contacts.select(between), surfaces)
-        return None if found is None else Friction(*found)
+        limits = self.limits.read(data)
+        return contacts.followed_by(self.limits.contacts(data, limits)), np.vstack([jacobian, limits.jacobian])
 
 
 def _has_lost_restitution(impact: Impact) -> bool:

@@ -22,18 +22,22 @@ _PGS = int(mujoco.mjtSolver.mjSOL_PGS)
 _DISCRETE = int(mujoco.mjtIntegrator.mjINT_DISCRETE)
 
 
-def added_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray | None:
-    """Return h D for such joints and 0 for others, (nv,), to be added to M while forces are computed, or None.
+def added_inertia(model: mujoco.MjModel) -> np.ndarray | None:
+    """Return h D for such joints and 0 for others, (nv,), to be added to M; None if no joint is damped that much."""
+    added = joint_inertia(model)
+    locked = locked_joints(model, added, LOCKED)
+    return None if added is None or locked is None else np.where(locked, added, 0.0)
 
-    It is None if no contact or limit touches, if no joint is damped that much, with the integrator "discrete", and if
-    MuJoCo computes forces from results that it has derived from M before: with its solver PGS, or with
-    ``noslip_iterations``.
+
+def inertia_of_forces(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray | None:
+    """Return `added_inertia` where contact forces are computed with it.
+
+    It is also None if no contact or limit touches, with the integrator "discrete", and if MuJoCo computes forces from
+    results that it has derived from M before: with its solver PGS, or with ``noslip_iterations``.
     """
     options = model.opt
     other = options.solver == _PGS or options.noslip_iterations > 0 or options.integrator == _DISCRETE
-    added = None if other or not (data.ncon or data.nl) else joint_inertia(model)
-    locked = locked_joints(model, added, LOCKED)
-    return None if added is None or locked is None else np.where(locked, added, 0.0)
+    return None if other or not (data.ncon or data.nl) else added_inertia(model)
 
 
 @contextmanager

@@ -23,7 +23,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -45,7 +44,8 @@ from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import check_timestep
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.soft.collisions import NOTHING, VELOCITY, Collisions
-from impactlaw.stepping.soft.locked_joints import added_inertia, with_locked_joints
+from impactlaw.stepping.soft.locked_joints import inertia_of_forces, with_locked_joints
+from impactlaw.stepping.soft.rebounds import bounces
 from impactlaw.stepping.soft.stages import Stages, find_forces
 
 _RK4, _EULER, _DISCRETE = (int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("RK4", "EULER", "DISCRETE"))
@@ -60,6 +60,7 @@ class SoftStepping:
     """The algorithm behind ``Stepper(contact_model="soft")``; see there for the options.
 
     Attributes:
+        model: the scene.
         collisions: finds and resolves the collisions.
         collides: whether the scene can have collisions at all.
     """
@@ -73,25 +74,11 @@ class SoftStepping:
         rest_speed: float,
         chosen: Chosen | None = None,
     ):
-        self._model, self._options = model, model.opt
+        self.model = model
         self.collisions = Collisions(model, collider, plan, rest_speed=rest_speed, chosen=chosen)
         can_have_limits = model.ntendon > 0 or bool((model.jnt_type != _FREE).any())
         self.collides, self._surfaces = plan.detection or can_have_limits, self.collisions.surfaces
         self._stages = Stages(model)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return the attributes without the options, which are part of the model."""
-        return self.__dict__ | {"_options": None}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take the options of the copy's own model."""
-        self.__dict__.update(state)
-        self._options = self._model.opt
-
-    @property
-    def model(self) -> mujoco.MjModel:
-        """The scene."""
-        return self._model
 
     @property
     def unlocated(self) -> int:
@@ -108,7 +95,7 @@ class SoftStepping:
         """The reason why these steps are taken in Python under any law; None if compiled code can take them."""
         if self._surfaces is not None:
             return "mocap bodies that touch others move as surfaces, or belts run"
-        if self._model.nflex:
+        if self.model.nflex:
             return "there is a flex"
         if self.collisions.chosen is not None:
             return "the law is for some contacts only"
@@ -125,7 +112,7 @@ class SoftStepping:
             DivergenceError: MuJoCo met a state that is not finite, or huge; it resets the simulation then.
             SceneError: the timestep is not positive, or not finite.
         """
-        model, opt = self._model, self._options
+        model, opt = self.model, self.model.opt
         time, timestep = data.time, opt.timestep
         if not 0.0 < timestep < math.inf:
             check_timestep(timestep)
@@ -153,11 +140,11 @@ class SoftStepping:
         Raises:
             DivergenceError: MuJoCo met a state that is not finite, or huge; it resets the simulation then.
         """
-        if self._model.opt.integrator == _RK4:
+        if self.model.opt.integrator == _RK4:
             return self.step(data)
         time, count = data.time, _bad_states(data)
         if self._surfaces is not None:
-            self._surfaces.begin(data, self._options.timestep)
+            self._surfaces.begin(data, self.model.opt.timestep)
         events, stage = self.collisions.resolve(data) if data.ncon or data.nl else NOTHING
         self._finish_step(data, stage)
         _refuse_reset(data, time, count)
@@ -167,7 +154,7 @@ class SoftStepping:
 
     def _step_from_start(self, data: mujoco.MjData, integrator: int) -> tuple[ImpactEvent, ...]:
         """Do what `mj_step` does, but apply the law before forces are computed."""
-        model, options = self._model, self._options
+        model, options = self.model, self.model.opt
         if get_mjcb_control() is None or (integrator == _DISCRETE and not options.disableflags & _NO_ACTUATION):
             mj_step1(model, data)
         else:
@@ -178,13 +165,13 @@ class SoftStepping:
         if integrator == _DISCRETE:  # has no function of its own but mj_step2, which calls no control callback
             self._finish_step(data, stage)
             return events
-        added = added_inertia(model, data)
+        added = inertia_of_forces(model, data)
         if added is None or get_mjcb_control() is not None:  # callbacks see the mass matrix as it is
             mj_forwardSkip(model, data, stage, 0)
         elif stage != VELOCITY:
             self._update_velocity(data)
         if added is None:
-            held = contacts > 0 and self.collisions.bounces(data) and self.collisions.hold_back(data)
+            held = contacts > 0 and bounces(data) and self.collisions.hold_back(data)
             if held:
                 mj_forwardSkip(model, data, VELOCITY, 0)
         else:
@@ -200,44 +187,44 @@ class SoftStepping:
 
     def _integrate(self, data: mujoco.MjData) -> None:
         """Advance by Euler or an implicit integrator, as `mj_step2` does."""
-        if self._options.integrator in (_EULER, _RK4):
-            mj_Euler(self._model, data)
+        if self.model.opt.integrator in (_EULER, _RK4):
+            mj_Euler(self.model, data)
         else:
-            mj_implicit(self._model, data)
+            mj_implicit(self.model, data)
 
     def _finish_step(self, data: mujoco.MjData, stage: int) -> None:
         """Take the part of a step after the velocity stage; first update that stage if it is not current."""
-        model = self._model
+        model = self.model
         if stage != VELOCITY:
             self._update_velocity(data)
-        added = added_inertia(model, data)
+        added = inertia_of_forces(model, data)
         if added is not None:
             self._find_forces(data, added)
             mj_checkAcc(model, data)
-            if self._options.enableflags & _COMPARE:
+            if self.model.opt.enableflags & _COMPARE:
                 mujoco.mj_compareFwdInv(model, data)
             self._integrate(data)
             return
-        late = self._options.integrator == _DISCRETE  # computes the springs of contacts only in mj_step2
-        if not late and (data.ncon or data.nl) and self.collisions.bounces(data):
+        late = self.model.opt.integrator == _DISCRETE  # computes the springs of contacts only in mj_step2
+        if not late and (data.ncon or data.nl) and bounces(data):
             find_forces(model, data)
             self.collisions.hold_back(data)
         mujoco.mj_step2(model, data)
 
     def _find_forces(self, data: mujoco.MjData, added: np.ndarray) -> bool:
         """Compute forces and the sensors of forces with locked joints; return whether contacts were held back."""
-        with with_locked_joints(self._model, data, added):
-            find_forces(self._model, data)
-            held = self.collisions.bounces(data) and self.collisions.hold_back(data)
+        with with_locked_joints(self.model, data, added):
+            find_forces(self.model, data)
+            held = bounces(data) and self.collisions.hold_back(data)
             if held:
-                find_forces(self._model, data)
+                find_forces(self.model, data)
             data.flg_rnepost = 0
-            mujoco.mj_sensorAcc(self._model, data)
+            mujoco.mj_sensorAcc(self.model, data)
         return held
 
     def _look(self, data: mujoco.MjData) -> None:
         """Do what `mj_step1` does, except for the control callback: `mj_forwardSkip` calls it."""
-        model = self._model
+        model = self.model
         mujoco.mj_checkPos(model, data)
         mujoco.mj_checkVel(model, data)
         mujoco.mj_fwdPosition(model, data)
@@ -250,7 +237,7 @@ class SoftStepping:
         self._update_velocity(data)
 
     def _update_velocity(self, data: mujoco.MjData) -> None:
-        model = self._model
+        model = self.model
         mujoco.mj_fwdVelocity(model, data)
         mujoco.mj_sensorVel(model, data)
         if model.opt.enableflags & _ENERGY and not data.flg_energyvel:

@@ -47,7 +47,7 @@ def locks(w):
 
 @plain
 def takes_forces(w):
-    """Return whether MuJoCo computes forces from the mass matrix of data alone; see `locked_joints.added_inertia`."""
+    """Return whether MuJoCo finds forces from the mass matrix of data alone; see `locked_joints.inertia_of_forces`."""
     return option(w, MODEL.opt_solver) != _PGS and option(w, MODEL.opt_noslip_iterations) == 0
 
 
