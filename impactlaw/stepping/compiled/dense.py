@@ -1,4 +1,4 @@
-"""Convert between MuJoCo's layouts and others: sparse rows, full matrices, forces of pyramidal cones."""
+"""Convert between MuJoCo's layouts and others: sparse rows, and forces of pyramidal cones."""
 
 from __future__ import annotations
 
@@ -94,52 +94,3 @@ def encode_pyramids(force, elliptic, address, dim, friction, out):
             normal, along = force[elliptic[i]] / (dim[i] - 1), force[elliptic[i] + k] / friction[i, k - 1]
             out[address[i] + 2 * (k - 1)] = 0.5 * (normal + along)
             out[address[i] + 2 * (k - 1) + 1] = 0.5 * (normal - along)
-
-
-@compiled()
-def mass_matrix(factor, inverse, Mnnz, Madr, Mcol):
-    """Return ``M_h = L^T D L``, (nv, nv); the arguments are the fields of `whitening.Inertia`."""
-    nv = len(inverse)
-    M = np.zeros((nv, nv))
-    for k in range(nv):
-        d, end = 1.0 / inverse[k], Madr[k] + Mnnz[k] - 1
-        M[k, k] += d
-        for a in range(Madr[k], end):
-            M[k, Mcol[a]] += d * factor[a]
-            M[Mcol[a], k] += d * factor[a]
-            for b in range(Madr[k], end):
-                M[Mcol[a], Mcol[b]] += d * factor[a] * factor[b]
-    return M
-
-
-@compiled()
-def gradients(which, sparse, colind, value, scale, factor, inverse, Mnnz, Madr, Mcol):
-    """Return some rows of J, (k, nv), from those of ``Y = J L^-1 D^-1/2``: ``J = Y D^1/2 L``.
-
-    Args:
-        which: the rows, int64 (k,).
-        sparse: see `rows.Rows`, like the next two.
-        colind: degree of freedom of each entry.
-        value: the entries.
-        scale: coefficients of friction, by which rows of Y are multiplied, (n,).
-        factor: see `whitening.Inertia`, like the other arguments.
-        inverse: see there.
-        Mnnz: see there.
-        Madr: see there.
-        Mcol: see there.
-    """
-    nv = len(inverse)
-    J = np.zeros((len(which), nv))
-    for k in range(len(which)):
-        row = which[k]
-        for a in range(sparse[1, row], sparse[1, row] + sparse[0, row]):
-            i = colind[a]
-            y = value[a] / (scale[row] * np.sqrt(inverse[i]))
-            J[k, i] += y
-            for b in range(Madr[i], Madr[i] + Mnnz[i] - 1):
-                J[k, Mcol[b]] += y * factor[b]
-        rounding = 1e-14 * np.abs(J[k]).max()
-        for i in range(nv):
-            if abs(J[k, i]) <= rounding:
-                J[k, i] = 0.0
-    return J

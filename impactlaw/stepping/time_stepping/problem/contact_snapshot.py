@@ -13,7 +13,6 @@ from impactlaw.mechanics.friction import Friction
 from impactlaw.scene.contacts import Contacts
 from impactlaw.scene.equality_constraints import rows_that_count
 from impactlaw.scene.joint_limits import NO_GEOM, Limits, LimitState
-from impactlaw.stepping.compiled.dense import gradients, mass_matrix
 from impactlaw.stepping.compiled.whitening import Inertia
 from impactlaw.stepping.time_stepping.problem.energy import islands_of
 from impactlaw.stepping.time_stepping.problem.rows import Rows
@@ -109,7 +108,7 @@ class ContactSnapshot:
             friction_of_rows = Friction(J_t, contact, rows.scale[tangential], along)
         surface = _beside(rows.before[first], J @ velocity)
         return Collision(
-            mass_matrix(*self.inertia),
+            self._root.T @ self._root,
             J,
             velocity,
             labels=labels,
@@ -128,11 +127,7 @@ class ContactSnapshot:
         first = self.rows.first[self.kept]
         if not len(first):
             return None
-        J, (many, begin, _) = self._gradients(first), self.rows.sparse[:, first]
-        Y = np.zeros_like(J)
-        for y, start, end in zip(Y, begin, begin + many, strict=True):
-            y[self.rows.colind[start:end]] = self.rows.value[start:end]
-        return rows_that_count(self.model, self.number, self.given, J, Y, acts)
+        return rows_that_count(self.model, self.number, self.given, self._gradients(first), self._whitened(first), acts)
 
     def reached(self, collides: np.ndarray, pushed: np.ndarray) -> np.ndarray:
         """Return which groups take part in a collision, bool (g,); see `targets.reached_groups`."""
@@ -142,11 +137,28 @@ class ContactSnapshot:
         """Return the islands of groups, int (g,), and of degrees of freedom, int (nv,); see `energy.islands_of`."""
         return islands_of(self.rows, self.model.dof_treeid)
 
+    @cached_property
+    def _root(self) -> np.ndarray:
+        """``D^1/2 L``, (nv, nv), for which ``M_h = (D^1/2 L)^T D^1/2 L``."""
+        factor, inverse, nnz, _, col = self.inertia
+        root = np.zeros((len(inverse), len(inverse)))
+        root[np.repeat(np.arange(len(inverse)), nnz), col] = factor
+        np.fill_diagonal(root, 1.0)
+        return root / np.sqrt(inverse)[:, None]
+
+    def _whitened(self, which: np.ndarray) -> np.ndarray:
+        """Return rows of Y, (k, nv)."""
+        rows, Y = self.rows, np.zeros((len(which), len(self.inertia.inverse)))
+        many, begin, _ = rows.sparse[:, which]
+        for y, start, end in zip(Y, begin, begin + many, strict=True):
+            y[rows.colind[start:end]] = rows.value[start:end]
+        return Y
+
     def _gradients(self, which: np.ndarray) -> np.ndarray:
-        """Return rows of J, (k, nv)."""
-        rows = self.rows
-        which = which.astype(np.int64)
-        return gradients(which, rows.sparse, rows.colind, rows.value, rows.scale, *self.inertia)
+        """Return rows of ``J = Y D^1/2 L``, (k, nv), without rounding; rows of Y are scaled by friction."""
+        J = (self._whitened(which) / self.rows.scale[which, None]) @ self._root
+        J[np.abs(J) <= 1e-14 * np.abs(J).max(axis=1, keepdims=True, initial=0.0)] = 0.0
+        return J
 
 
 def _beside(velocity: np.ndarray, own: np.ndarray) -> np.ndarray:
