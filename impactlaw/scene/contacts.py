@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -13,9 +12,6 @@ import numpy as np
 from impactlaw.errors import SceneError
 from impactlaw.scene.corrected.hidden_edges import hide_edges
 from impactlaw.scene.tolerances import NO_LEVER, ON_AXIS, OUT_OF_REACH, SHORT
-
-if TYPE_CHECKING:
-    from impactlaw.scene.corrected.rounding import StandingCylinders
 
 _FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL)
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
@@ -178,18 +174,13 @@ def row_velocities(model: mujoco.MjModel, data: mujoco.MjData, velocity: np.ndar
     return rows
 
 
-def standing_cylinders(model: mujoco.MjModel) -> StandingCylinders | None:
-    """Return the object that corrects the contacts of cylinders on planes; None if there are no such pairs of geoms."""
+def standing_cylinders(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return the planes and cylinders of a scene, whose contacts `collide` corrects; None if it lacks one of them."""
     planes, cylinders = (np.flatnonzero(model.geom_type == kind) for kind in (_PLANE, _CYLINDER))
-    if not (len(planes) and len(cylinders)):
-        return None
-    # compiled code, which reading other scenes should not load
-    from impactlaw.scene.corrected.rounding import StandingCylinders
-
-    return StandingCylinders(model, planes, cylinders)
+    return (planes, cylinders) if len(planes) and len(cylinders) else None
 
 
-def collide(model: mujoco.MjModel, data: mujoco.MjData, standing: StandingCylinders | None = None) -> None:
+def collide(model: mujoco.MjModel, data: mujoco.MjData, standing: tuple[np.ndarray, np.ndarray] | None = None) -> None:
     """Run MuJoCo's collision detection at the current frames (`update_positions`); replaces data.contact.
 
     With the result of `standing_cylinders`, the contacts of cylinders that stand on planes are corrected.
@@ -197,13 +188,18 @@ def collide(model: mujoco.MjModel, data: mujoco.MjData, standing: StandingCylind
     if standing is None:
         _find_contacts(model, data)
         return
+    # compiled code, which reading other scenes should not load
+    from impactlaw.scene.corrected.rounding import align, measure_again
+
     frames = data.geom_xmat.copy()
     try:
-        standing.align(data)
+        align(*standing, data.geom_xmat)  # so that MuJoCo finds the contacts of cylinders that stand upright
         _find_contacts(model, data)
     finally:
         data.geom_xmat[:] = frames
-    standing.measure(data)
+    if data.ncon:
+        found, places = data.contact, (data.geom_xpos, data.geom_xmat)
+        measure_again(model.geom_type, model.geom_size, *places, found.geom, found.dist, found.pos, found.frame)
 
 
 def _find_contacts(model: mujoco.MjModel, data: mujoco.MjData) -> None:

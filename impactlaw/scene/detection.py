@@ -114,7 +114,7 @@ class Detector:
             forget_rows(data)
         if pattern.several or J is None or some_short(J):
             J = gap_gradients(self._model, data, contacts)
-        elif pattern.order is not None:
+        else:
             J = J[pattern.order]
         if limits is None:
             return Found(pattern, contacts, J, bilateral, stiff)
@@ -197,13 +197,8 @@ class Detector:
         found = data.contact
         pattern = self.patterns.of(found.geom)
         order = pattern.order
-        if order is None:
-            gap, position, normal = found.dist.copy(), found.pos.copy(), found.frame[:, :3].copy()
-        else:
-            gap, position, normal = found.dist[order], found.pos[order], found.frame[order, :3]
-        if pattern.sign is not None:
-            normal *= pattern.sign
-        return pattern, Contacts(pattern.labels, pattern.geoms, gap, position, normal)
+        normal = found.frame[order, :3] * pattern.sign
+        return pattern, Contacts(pattern.labels, pattern.geoms, found.dist[order], found.pos[order], normal)
 
 
 def _complete(several: Contacts, nearest: Contacts) -> Contacts:

@@ -29,8 +29,8 @@ class Pattern:
     rolling: np.ndarray  # vague contacts that move along one edge or face, not from piece to piece of a surface, (h,)
     skin: np.ndarray | None  # distance at which the geoms touch, m, (h,); None if 0 for all
     several: bool  # whether MuJoCo should look for several contacts of a pair
-    order: np.ndarray | None  # indices that sort MuJoCo's contacts; None if they are sorted already
-    sign: np.ndarray | None  # -1 where MuJoCo has the higher geom id first, else 1, (h, 1); None if 1 for all
+    order: np.ndarray  # indices that sort MuJoCo's contacts, int (h,)
+    sign: np.ndarray  # -1 where MuJoCo has the higher geom id first, else 1, (h, 1)
     friction: FrictionPattern | None  # rows of friction; None if there are none, or friction is ignored
     found: bytes  # geom ids in MuJoCo's order, as bytes
     plain: bool  # each pair has one contact, whose distance in MuJoCo is the gap; no limits or equality constraints
@@ -116,8 +116,8 @@ class Patterns:
             rolling=rolling_contacts(model, geoms),
             skin=skin if skin.any() else None,
             several=self._faces and bool(several_contacts(model, geoms).any()),
-            order=None if np.array_equal(order, np.arange(len(order))) else order,
-            sign=np.where(swapped, -1.0, 1.0)[:, None] if swapped.any() else None,
+            order=order,
+            sign=np.where(swapped, -1.0, 1.0)[:, None],
             friction=learn_friction(model, geoms) if self._friction else None,
             found=found.tobytes(),
             plain=all_single and self._alone and not skin.any(),

@@ -127,28 +127,10 @@ def upright(turn, plane, own, least):
 
 
 @compiled()
-def _align(planes, cylinders, turn):
+def align(planes, cylinders, turn):
     """Turn the axes of cylinders into the normal of a plane if the angle between them is no more than rounding."""
     for plane in planes:
         for own in cylinders:
             sign = upright(turn, plane, own, UPRIGHT)
             for i in range(3 if sign != 0.0 else 0):
                 turn[own, 3 * i + 2] = sign * turn[plane, 3 * i + 2]
-
-
-class StandingCylinders:
-    """Corrects MuJoCo's contacts of cylinders that stand on planes."""
-
-    def __init__(self, model: mujoco.MjModel, planes: np.ndarray, cylinders: np.ndarray):
-        self._model, self._planes, self._cylinders = model, planes, cylinders
-
-    def align(self, data: mujoco.MjData) -> None:
-        """Change rotation matrices so that MuJoCo finds the contacts of cylinders that stand upright."""
-        _align(self._planes, self._cylinders, data.geom_xmat)
-
-    def measure(self, data: mujoco.MjData) -> None:
-        """Call `measure_standing` from Python."""
-        if data.ncon:
-            model, found = self._model, data.contact
-            places = data.geom_xpos, data.geom_xmat
-            measure_again(model.geom_type, model.geom_size, *places, found.geom, found.dist, found.pos, found.frame)
