@@ -22,7 +22,7 @@ def tree_of(Jnnz, Jadr, Jcol, J, row, tree):
 
 @plain
 def join_trees(kinds, number, Jnnz, Jadr, Jcol, J, tree, label):
-    """Write the result of `joined_trees`."""
+    """Write the first result of `find_islands`."""
     for t in range(len(label)):
         label[t] = t
     if len(label) == 1:
@@ -44,8 +44,10 @@ def join_trees(kinds, number, Jnnz, Jadr, Jcol, J, tree, label):
 
 
 @compiled()
-def joined_trees(kinds, number, Jnnz, Jadr, Jcol, J, tree, many):
+def find_islands(kinds, number, Jnnz, Jadr, Jcol, J, tree, many):
     """Return for each tree of bodies one tree that represents its island, int64 (many,).
+
+    Also return this for a tree that each row moves, -1 for a row that moves none, int64 (nefc,).
 
     Args:
         kinds: kinds of MuJoCo's rows, (nefc,).
@@ -57,15 +59,9 @@ def joined_trees(kinds, number, Jnnz, Jadr, Jcol, J, tree, many):
         tree: tree of each degree of freedom, (nv,).
         many: number of trees.
     """
-    label = np.empty(many, np.int64)
+    label, of_row = np.empty(many, np.int64), np.empty(len(kinds), np.int64)
     join_trees(kinds, number, Jnnz, Jadr, Jcol, J, tree, label)
-    return label
-
-
-@compiled()
-def trees_of_rows(Jnnz, Jadr, Jcol, J, tree, many):
-    """Return the result of `tree_of` for each of the first rows, int64 (many,)."""
-    found = np.empty(many, np.int64)
-    for row in range(many):
-        found[row] = tree_of(Jnnz, Jadr, Jcol, J, row, tree)
-    return found
+    for row in range(len(kinds)):
+        t = tree_of(Jnnz, Jadr, Jcol, J, row, tree)
+        of_row[row] = label[t] if t >= 0 else t
+    return label, of_row

@@ -27,13 +27,12 @@ class Constraints:
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData):
         # numba is not loaded before it is used
         from impactlaw.stepping.compiled.dense import sparse_jacobian
-        from impactlaw.stepping.compiled.islands import joined_trees, trees_of_rows
+        from impactlaw.stepping.compiled.islands import find_islands
         from impactlaw.stepping.compiled.left_out.tied_contacts import mark_tied_contacts
 
         jacobian, trees = sparse_jacobian(model, data), model.dof_treeid
-        island = joined_trees(data.efc_type, data.efc_id, *jacobian, trees, model.ntree)
-        self._island, self._of_row = island[trees], trees_of_rows(*jacobian, trees, data.ne)
-        self._of_row[self._of_row >= 0] = island[self._of_row[self._of_row >= 0]]
+        island, of_row = find_islands(data.efc_type, data.efc_id, *jacobian, trees, model.ntree)
+        self._island, self._of_row = island[trees], of_row[: data.ne]
         self._driven = np.zeros(model.ntree, dtype=bool)
         address, kinds = np.ascontiguousarray(data.contact.efc_address), constraint_kinds(model)
         paired = (data.contact.dim > 1) & (model.opt.cone == _PYRAMIDAL)

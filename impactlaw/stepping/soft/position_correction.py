@@ -76,11 +76,12 @@ def _move(model: mujoco.MjModel, data: mujoco.MjData, change: np.ndarray, rows: 
     """Move each island by its change of velocity, (nv,), times the longest time since one of its rows has closed, s."""
     # numba is not loaded before it is used
     from impactlaw.stepping.compiled.dense import sparse_jacobian
-    from impactlaw.stepping.compiled.islands import joined_trees, trees_of_rows
+    from impactlaw.stepping.compiled.islands import find_islands
 
     jacobian, trees = sparse_jacobian(model, data), model.dof_treeid
-    island, longest = joined_trees(data.efc_type, data.efc_id, *jacobian, trees, model.ntree), np.zeros(model.ntree)
-    np.maximum.at(longest, island[trees_of_rows(*jacobian, trees, data.nefc)[rows]], since)
+    island, of_row = find_islands(data.efc_type, data.efc_id, *jacobian, trees, model.ntree)
+    longest = np.zeros(model.ntree)
+    np.maximum.at(longest, of_row[rows], since)
     mujoco.mj_integratePos(model, data.qpos, longest[island[trees]] * change, 1.0)
     mujoco.mj_fwdPosition(model, data)
     mujoco.mj_sensorPos(model, data)
