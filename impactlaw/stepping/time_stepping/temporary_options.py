@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import TracebackType
-
 import mujoco
 import numpy as np
 
@@ -87,9 +85,7 @@ class TemporaryOptions:
         for array in self._margins:
             array *= share
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         opt = self._opt
         opt.disableflags, opt.enableflags, opt.integrator, opt.solver, opt.noslip_iterations = self._options
         opt.cone = self.cone

@@ -135,12 +135,6 @@ def scalable(w, solved):
 
 
 @plain
-def work_left(w):
-    """Return whether any of the work allowed in a step is left."""
-    return floats(w.work, 1)[0] > 0.0
-
-
-@plain
 def lost(w, solved):
     """Return whether restitution is given up: bodies jam, or no work was left to find what creates no energy."""
-    return solved.share == 0.0 or (solved.created > 0.0 and not work_left(w))
+    return solved.share == 0.0 or solved.created > 0.0 >= floats(w.work, 1)[0]

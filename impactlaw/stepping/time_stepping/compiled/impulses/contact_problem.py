@@ -188,13 +188,6 @@ def attempt(w, jacobian, chosen, start, moved, free, known, rounds, law, phases,
 
 
 @plain
-def take_over(chosen, seen):
-    """Choose the rows that are seen, too."""
-    for i in range(len(seen)):
-        chosen[i] = chosen[i] or seen[i]
-
-
-@plain
 def sees_more(chosen, seen):
     """Return whether any row is seen that is not chosen yet."""
     for i in range(len(seen)):

@@ -6,7 +6,7 @@ import numpy as np
 from numba import types
 
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.loops import any_of, clear, copied, kernel, numbers, once, plain, put, zeros
+from impactlaw.solvers.cones.algebra.loops import any_of, clear, copied, numbers, once, put, zeros
 from impactlaw.stepping.compiled.access import model_ints, velocity_of
 from impactlaw.stepping.compiled.fields import MODEL, address_of, floats, keep
 from impactlaw.stepping.compiled.whitening import INERTIA
@@ -23,28 +23,6 @@ from impactlaw.stepping.time_stepping.problem.solution.scaling import RESERVE
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, PHASES
 
 
-@kernel
-def _those(values, kept):
-    """Return the values that are kept, bool."""
-    many = 0
-    for g in range(len(kept)):
-        many += kept[g]
-    some, at = np.empty(many, np.bool_), 0
-    for g in range(len(kept)):
-        if kept[g]:
-            some[at], at = values[g], at + 1
-    return some
-
-
-@plain
-def _leave_out(later, more):
-    """Mark more of the groups that are not left out yet."""
-    at = 0
-    for g in range(len(later)):
-        if not later[g]:
-            later[g], at = more[at], at + 1
-
-
 @once
 def _meet(w, rows, metric, before, known, rounds, law, may, more, block, sums):
     """Solve one phase, and solve it again without the contacts that are hit only through others.
@@ -54,8 +32,7 @@ def _meet(w, rows, metric, before, known, rounds, law, may, more, block, sums):
 
     `more` says whether contacts may be left out.
     """
-    later, kept, place = np.zeros(len(may), np.bool_), np.zeros(len(may), np.bool_), np.arange(len(rows.rates[0]))
-    part, allowed = rows, may
+    later, place, part, allowed = np.zeros(len(may), np.bool_), np.arange(len(rows.rates[0])), rows, may
     while True:
         answer = answer_at(address_of(block), len(part.key), len(part.rates[0]), w.nv)
         put(answer.may, allowed)
@@ -65,12 +42,11 @@ def _meet(w, rows, metric, before, known, rounds, law, may, more, block, sums):
             if scalable(w, solved):
                 solved = solve(w, part, metric, known, rounds, law, answer, True)
             break
-        _leave_out(later, answer.later)
-        for g in range(len(later)):
-            kept[g] = not later[g]
+        later[~later] = answer.later
+        kept = ~later
         known, rounds = Known(part.groups, part.key, part.rates[0], answer.x.copy(), part.rates[5:]), FEW_ROUNDS
         part, place = some_groups(rows, kept)
-        allowed = _those(may, kept)
+        allowed = may[kept]
     if solved.status == FINE and solved.collided and setting(w, SETTING.sums) != 0.0:
         add_collision(w, part, answer, solved.share, metric, before, sums)
     return solved, answer, place, later, waiting
@@ -114,7 +90,7 @@ def resolve_in_phases(w, rows, metric, start, free, known, rounds, law, whole, s
         now, chosen = some_groups(after, reached)
         for r in range(len(chosen)):  # the indices are ascending
             place[r] = place[chosen[r]]
-        place, may, before = place[: len(chosen)], _those(later, reached), moved
+        place, may, before = place[: len(chosen)], later[reached], moved
         for i in range(w.nv):
             moved[i] = start[i] + (velocity[i] - free[i])
     put(whole.x, x)

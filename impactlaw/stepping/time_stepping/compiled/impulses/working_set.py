@@ -14,7 +14,6 @@ from impactlaw.stepping.time_stepping.compiled.impulses.contact_problem import (
     attempt,
     near,
     sees_more,
-    take_over,
 )
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import created, forces_at, half, kick, lead_to
 from impactlaw.stepping.time_stepping.compiled.impulses.passed_edges import doubt, look_ahead
@@ -100,9 +99,9 @@ def find_impulses(
         allowed = found.rows <= PHASE_SET_ROWS if phases else sets < SETS
         met = is_met(found.solved.missed, found.solved.fastest)
         if more and unseen and allowed:
-            take_over(chosen, seen)
+            np.logical_or(chosen, seen, chosen)
         elif more and not phases and (unseen or found.later) and 2.0 * floats(w.work, 1)[0] > begun and met:
-            take_over(chosen, seen)
+            np.logical_or(chosen, seen, chosen)
             phases = unseen or found.later
         else:
             break

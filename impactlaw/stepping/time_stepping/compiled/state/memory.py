@@ -58,15 +58,11 @@ A state can be restored in data without its frames.
 _BLOCK = struct.Struct("=4q")  # layout of the first numbers
 
 
-def _external(name: str, *arguments: object) -> object:
-    return types.ExternalFunction(name, types.int64(*arguments))
-
-
 _LIBC = ctypes.CDLL(None)
 _LIBC.realloc.restype = ctypes.c_size_t
 _LIBC.realloc.argtypes = [ctypes.c_void_p, ctypes.c_size_t]
 _LIBC.free.restype = None
-_realloc: Any = _external("realloc", types.int64, types.int64)
+_realloc: Any = types.ExternalFunction("realloc", types.int64(types.int64, types.int64))
 
 
 @kernel

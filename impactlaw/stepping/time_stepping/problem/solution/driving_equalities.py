@@ -11,7 +11,7 @@ from __future__ import annotations
 from impactlaw.solvers.cones import BILATERAL
 from impactlaw.solvers.cones.algebra.loops import any_of, indices, kernel, plain, put, zeros
 from impactlaw.stepping.time_stepping.problem.drifting_equalities import square_of
-from impactlaw.stepping.time_stepping.problem.energy import find_islands
+from impactlaw.stepping.time_stepping.problem.energy import add_work, find_islands
 from impactlaw.stepping.time_stepping.problem.solution.by_islands import solve_contacts
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import solve_scaled
 from impactlaw.stepping.time_stepping.tolerances import DRIVEN
@@ -23,10 +23,7 @@ _TURNS = 8  # largest number of times that a problem is searched for such equali
 @plain
 def _work_of(rows, base, found, g):
     """Return ``Lambda^T (u + u+) / 2`` of one group, for velocities u."""
-    work = 0.0
-    for k in range(rows.groups[0, g], rows.groups[0, g] + rows.groups[1, g]):
-        work += 0.5 * found.x[k] * rows.rates[0, k] * (base[k] + found.after[k])
-    return work
+    return add_work(rows, base, found.after, found.x, g, 0.0, 0.0)[0]
 
 
 @plain
