@@ -23,7 +23,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.scene.contacts import Contacts
-from impactlaw.scene.tolerances import BLOW, PUT
+from impactlaw.scene.tolerances import BLOW, PUT, meter
 
 TORSION = 2
 """Kind of a torsional row; the kinds of friction rows are two of sliding, one of torsion, two of rolling."""
@@ -70,7 +70,7 @@ class Surfaces:
     """
 
     def __init__(self, model: mujoco.MjModel, geoms: np.ndarray):
-        self._model = model
+        self._model, self._meter = model, meter(model.opt.gravity)
         mocap = model.body_mocapid[model.body_rootid[model.geom_bodyid]]
         self._mocap = np.append(mocap, -1)  # limits have geom -1
         used = np.unique(mocap[np.unique(geoms)]) if len(geoms) else np.zeros(0, dtype=int)
@@ -135,7 +135,7 @@ class Surfaces:
             mujoco.mju_subQuat(turn, target[i, 3:], start[i, 3:])
             mujoco.mju_rotVecQuat(mean[i, 3:], turn / duration, start[i, 3:])
         known = np.where(put[:, None], mean, self._mean)
-        struck = np.array(self._speeds(mean - known)) > BLOW
+        struck = np.array(self._speeds(mean - known)) > BLOW * self._meter
         self._before = self._first = np.where(put[:, None], mean, self._last)
         self._last = 1.5 * mean - 0.5 * known
         if np.count_nonzero(struck):
@@ -148,7 +148,7 @@ class Surfaces:
     def _can_go(self, target: np.ndarray, duration: float) -> np.ndarray:
         """Return which bodies move to poses (nmocap, 7) in a step of this duration, s, instead of being put there."""
         far = np.linalg.norm(target[:, :3] - self._target[:, :3], axis=1)
-        return far <= np.maximum(2.0 * self.arm, PUT * duration)
+        return far <= np.maximum(2.0 * self.arm, PUT * self._meter * duration)
 
     def _speeds(self, velocity: np.ndarray) -> list[float]:
         """Return a bound on the speed of any point of each body at velocities (nmocap, 6), m/s.

@@ -1,5 +1,7 @@
 """Tolerances for reading scenes: name, value, unit, reason. Tolerances without a unit are ratios."""
 
+import numpy as np
+
 GAP_TOLERANCE = 1e-9  # m: gap up to which a contact counts as closed
 SKIN = 1e-6
 """Distance, in m, at which two geoms count as touching if MuJoCo measures them by its general convex collider. It does
@@ -38,3 +40,16 @@ GIVEN_WAY = 10.0  # factor from the violation, relative to the size of bodies, t
 OWN_CONSTRAINT = 1e-2  # singular value above which a row is independent, however far constraints have given way
 WRITTEN = 1e-4
 """Least relative error of rows, from the digits with which poses are written in MJCF files."""
+
+# --- Units. -----------------------------------------------------------------------------------------------------------
+_EARTH = 9.81  # m/s^2: gravity
+_STRONG = 100.0  # m/s^2: gravity above which the unit of length is not a meter
+
+
+def meter(gravity: np.ndarray) -> float:
+    """Return the length of a meter in the units of a scene, as told by its gravity, (3,).
+
+    Gravity above 100 is taken for that of the earth: it is 981 in centimeters and 9810 in millimeters, with seconds.
+    """
+    strength = float(np.linalg.norm(gravity))
+    return strength / _EARTH if strength > _STRONG else 1.0

@@ -16,6 +16,7 @@ from impactlaw.mechanics.impact import Impact
 from impactlaw.scene.contacts import geom_names
 from impactlaw.scene.equality_constraints import constraint_kinds
 from impactlaw.scene.joint_limits import Limits
+from impactlaw.scene.tolerances import meter
 from impactlaw.solvers.cones import BILATERAL
 from impactlaw.stepping.compiled.whitening import Inertia
 from impactlaw.stepping.law_targets import LawTargets
@@ -77,6 +78,7 @@ class ContactProblem:
         bilateral: kinds of equality constraints, 0 where collisions may violate them, uint8 (neq,).
         names: names of geoms, as in labels of contacts.
         limits: the limits of joints and tendons.
+        meter: see `scene.tolerances.meter`.
     """
 
     def __init__(
@@ -90,6 +92,7 @@ class ContactProblem:
     ):
         self._model, self._exact_cones, self._on_inadmissible = model, friction != "convex", on_inadmissible
         self._rest_speed = REST_SPEED if rest_speed is None else rest_speed
+        self.meter = meter(model.opt.gravity)
         self.bilateral, self.names, self.limits = constraint_kinds(model), geom_names(model), Limits(model)
         self._take(law)
 
@@ -191,7 +194,7 @@ class ContactProblem:
         later = np.zeros_like(met.collides)
         if np.count_nonzero(met.collides) and self.targets.restitution != 0.0:
             jump, impulse = met.answer.jump, met.answer.impulse
-            mark_later(met.rows, jump, impulse, met.collides, self._rest_speed, RESOLVED, later)
+            mark_later(met.rows, jump, impulse, met.collides, self._rest_speed, RESOLVED * self.meter, later)
         return later
 
     def _solve(
@@ -204,7 +207,15 @@ class ContactProblem:
         model, h = self._model, self._model.opt.timestep
         e = self.targets.restitution
         target, collides = contact_targets(
-            rows.groups, rows.amounts, rows.rates, h, 0.0 if e is None else e, self._rest_speed, RESOLVED, may
+            rows.groups,
+            rows.key,
+            rows.amounts,
+            rows.rates,
+            h,
+            0.0 if e is None else e,
+            self._rest_speed,
+            RESOLVED * self.meter,
+            may,
         )
         n, seen, together, bound = len(rows.scale), None, False, np.zeros(len(rows.key), dtype=bool)
         some = bool(np.count_nonzero(collides))
@@ -212,7 +223,7 @@ class ContactProblem:
         if some:
             seen, together = self._collide(step, rows, before, target, sliding, collides, bound)
         else:
-            keep_sticking(rows.groups, rows.rates, RESOLVED, sliding)
+            keep_sticking(rows.groups, rows.rates, RESOLVED * self.meter, sliding)
         project = scaled and self._on_inadmissible == "project"
         answer = resolve_step(
             rows, Aims(target, sliding, collides), bound, known, h, project, together,

@@ -20,7 +20,7 @@ _SWEEPS = 40  # number of sweeps over contacts that overlap
 _SETTLED = 1e-4  # change of velocity, relative to the needed velocity, up to which the iteration has converged
 _OPENING = 0.2  # m/s or rad/s: least speed at which overlaps of the start are opened
 _OPENING_TIME = 0.1  # s: time in which most of a deep overlap is opened
-_FARTHEST = 0.1  # m or rad: largest opening of overlaps in one step
+_FARTHEST = 0.1  # m or rad: largest motion that opens overlaps in one step, unless some are deeper
 _ALONG = 30.0  # sliding distance per opening distance from which a motion does not count as opening an overlap
 _SDF = int(mujoco.mjtGeom.mjGEOM_SDF)
 _NEVER = -1e30  # m/s: the needed velocity of a contact that need not open
@@ -153,19 +153,22 @@ def move_apart(rows, need, timestep, inertia, root, x, z, shift):
     """Write the result of `open_overlaps`, (nv,); x, (g,), and z, (nv,), are scratch space; root is ``D^-1/2``."""
     _move_apart(rows, need, x, z)
     unwhitened(z, inertia, root, shift)
-    most = 0.0
+    most, farthest = 0.0, _FARTHEST
     for speed in shift:
         most = max(most, timestep * abs(speed))
-    if most > _FARTHEST:
+    for speed in need:
+        farthest = max(farthest, timestep * speed)
+    if most > farthest:
         for i in range(len(shift)):
-            shift[i] *= _FARTHEST / most
+            shift[i] *= farthest / most
 
 
 @compiled()
 def open_overlaps(rows, need, timestep, inertia):
     """Return a velocity, (nv,), that moves positions as needed, ``J w >= need``, without friction.
 
-    No joint moves by more than `_FARTHEST` in a step: a gradient that nearly vanishes would ask for any motion.
+    No joint moves by more than `_FARTHEST` in a step, or the largest opening if that is more: a gradient that nearly
+    vanishes would ask for any motion.
     """
     nv = len(inertia.inverse)
     shift = np.empty(nv)

@@ -14,14 +14,16 @@ from impactlaw.solvers.cones import BILATERAL, BOX, CONE
 from impactlaw.solvers.cones.algebra.loops import cleared, kernel, plain, put
 from impactlaw.solvers.cones.rows import trees_of
 from impactlaw.stepping.time_stepping.problem.energy import row_velocities
-from impactlaw.stepping.time_stepping.problem.rows import NEAR, Rows
+from impactlaw.stepping.time_stepping.problem.rows import NEAR, Rows, is_length
 from impactlaw.stepping.time_stepping.problem.targets import joins
+from impactlaw.stepping.time_stepping.tolerances import RESOLVED
 
 
 @plain
 def _is_struck(rows, z, x, g, slowest, resolved):
     sparse, value, rates, row = rows.sparse, rows.value, rows.rates, rows.groups[0, g]
-    threshold = max(slowest, min(rates[1, row] - rates[2, row], resolved))  # up to it, forces explain the velocity
+    most = resolved if is_length(rows.groups, rows.key, g) else min(resolved, RESOLVED)
+    threshold = max(slowest, min(rates[1, row] - rates[2, row], most))  # up to it, forces explain the velocity
     if not x[row] > 0.0 or (rows.amounts[0, g] <= NEAR and rates[1, row] <= threshold):
         return False
     velocity = rates[1, row]

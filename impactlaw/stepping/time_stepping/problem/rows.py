@@ -95,6 +95,15 @@ SOURCE = types.NamedTuple([_INTS] * 2 + [FLOATS] * 5 + [JACOBIAN, _INTS, _INT_TA
 
 
 @plain
+def is_length(groups, key, g):
+    """Return whether the gap of a group is a length: that of a contact or of a tendon.
+
+    Limits of joints count as angles. Keys of limits of tendons are odd, see `_write_group`.
+    """
+    return groups[3, g] >= 0 or key[g] & 1 != 0
+
+
+@plain
 def find_group(key, known_key, at):
     """Return the index of the group of another step that has this key, or -1.
 

@@ -9,7 +9,8 @@ from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import cleared, plain
 from impactlaw.solvers.cones.rows import trees_of
 from impactlaw.stepping.time_stepping.problem.gradient_turns import SMOOTH
-from impactlaw.stepping.time_stepping.problem.rows import NEAR
+from impactlaw.stepping.time_stepping.problem.rows import NEAR, is_length
+from impactlaw.stepping.time_stepping.tolerances import RESOLVED
 
 _RESTING = 1e-6
 """Part of the largest contact velocity up to which a closed contact does not separate."""
@@ -31,7 +32,7 @@ _JUST = 1.0 - 1e-9
 
 
 @plain
-def aim(groups, amounts, rates, timestep, restitution, slowest, resolved, may, target, collides):
+def aim(groups, key, amounts, rates, timestep, restitution, slowest, resolved, may, target, collides):
     """Write the result of `contact_targets`, (g,) each, and return whether any contact collides."""
     some = False
     for g in range(len(target)):
@@ -40,11 +41,12 @@ def aim(groups, amounts, rates, timestep, restitution, slowest, resolved, may, t
             continue
         gap, gamma, led = amounts[0, g], rates[1, groups[0, g]], rates[2, groups[0, g]]
         turn = gamma - rates[5, groups[0, g]]
+        most = resolved if is_length(groups, key, g) else min(resolved, RESOLVED)
         smooth = abs(turn - rates[6, groups[0, g]]) <= -SMOOTH * turn  # and turn < 0; not where some are NaN
-        if smooth and -resolved < gamma < 0.0 and gap <= -_OPEN * timestep * turn:
+        if smooth and -most < gamma < 0.0 and gap <= -_OPEN * timestep * turn:
             target[g] = max(min(-0.5 * turn, -gamma), -restitution * gamma) - max(gap, 0.0) / timestep
             continue
-        threshold = max(slowest, min(_ROUNDED * (gamma - led), resolved))
+        threshold = max(slowest, min(_ROUNDED * (gamma - led), most))
         if may[g] and gamma < -threshold and (gap <= 0.0 or gap + timestep * led < 0.0):
             collides[g] = some = True
             target[g] = -restitution * gamma
@@ -78,7 +80,7 @@ keep_closing = for_python(write_closing)
 
 
 @compiled()
-def contact_targets(groups, amounts, rates, timestep, restitution, slowest, resolved, may):
+def contact_targets(groups, key, amounts, rates, timestep, restitution, slowest, resolved, may):
     """Return the targets of the scheme of Moreau and Jean, and which contacts collide.
 
     A contact collides if it approaches, ``gamma- < -threshold``, and is closed, or would be before the next
@@ -93,20 +95,21 @@ def contact_targets(groups, amounts, rates, timestep, restitution, slowest, reso
     ``resolved``, and at least ``slowest``: slower collisions are not resolved.
 
     Args:
-        groups: see `rows.Rows`, like the next two.
+        groups: see `rows.Rows`, like the next three.
+        key: keys of groups.
         amounts: gaps first.
         rates: velocities of rows at the start of the step, and without contact; their turns.
         timestep: h, s.
         restitution: e.
         slowest: least threshold, m/s or rad/s.
-        resolved: largest velocity that is attributed to forces.
+        resolved: largest velocity that is attributed to forces; for limits of joints `RESOLVED` at most.
         may: which groups may collide, bool (g,).
 
     Returns:
         ``gamma^h``, (g,), and whether each group collides, bool (g,).
     """
     target, collides = np.empty(groups.shape[1]), np.empty(groups.shape[1], np.bool_)
-    aim(groups, amounts, rates, timestep, restitution, slowest, resolved, may, target, collides)
+    aim(groups, key, amounts, rates, timestep, restitution, slowest, resolved, may, target, collides)
     return target, collides
 
 

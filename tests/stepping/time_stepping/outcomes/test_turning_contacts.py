@@ -155,7 +155,9 @@ def test_what_flies_from_limit_to_limit_in_a_step_collides(scene, e, code):
 def test_what_turns_as_in_the_step_before_goes_on(gamma, reached, turned, collides, target):
     groups, amounts = np.array([[0], [1], [CONE], [0]], np.int32), np.zeros((2, 1))
     rates = np.array([1.0, gamma, gamma, 0.0, 0.0, reached, turned]).reshape(7, 1)
-    found, which = contact_targets(groups, amounts, rates, 1e-3, 0.5, REST_SPEED, RESOLVED, np.ones(1, bool))
+    found, which = contact_targets(
+        groups, np.zeros(1, np.int64), amounts, rates, 1e-3, 0.5, REST_SPEED, RESOLVED, np.ones(1, bool)
+    )
     assert which[0] == collides
     assert found[0] == pytest.approx(target, abs=1e-15)
 
@@ -165,7 +167,9 @@ def test_what_goes_on_is_closed(gap, collides, target):
     """Its gap is closed if it is up to a tenth of h d."""
     groups, amounts = np.array([[0], [1], [CONE], [0]], np.int32), np.array([[gap], [0.0]])
     rates = np.array([1.0, -0.02, -0.02, 0.0, 0.0, 0.02, -0.04]).reshape(7, 1)
-    found, which = contact_targets(groups, amounts, rates, 1e-3, 0.5, REST_SPEED, RESOLVED, np.ones(1, bool))
+    found, which = contact_targets(
+        groups, np.zeros(1, np.int64), amounts, rates, 1e-3, 0.5, REST_SPEED, RESOLVED, np.ones(1, bool)
+    )
     assert which[0] == collides
     assert found[0] == pytest.approx(target, abs=1e-15)
 

@@ -92,9 +92,10 @@ def solve(w, rows, metric, known, rounds, law, answer, scaled):
     """
     tree, e = model_ints(w, MODEL.dof_treeid, w.nv), setting(w, SETTING.restitution)
     status, sliding = FINE, 0.0
+    resolved = RESOLVED * setting(w, SETTING.meter)
     collided = aim(
-        rows.groups, rows.amounts, rows.rates, w.timestep, 0.0 if np.isnan(e) else e, setting(w, SETTING.rest_speed),
-        RESOLVED, answer.may, answer.target, answer.collides,
+        rows.groups, rows.key, rows.amounts, rows.rates, w.timestep, 0.0 if np.isnan(e) else e,
+        setting(w, SETTING.rest_speed), resolved, answer.may, answer.target, answer.collides,
     )  # fmt: skip
     answer.bound[:] = False
     if collided:
@@ -104,7 +105,7 @@ def solve(w, rows, metric, known, rounds, law, answer, scaled):
     for r in range(len(answer.sliding)):
         answer.sliding[r] = -sliding * rows.rates[1, r] if sliding != 0.0 else 0.0
     if not collided:
-        write_sliding(rows.groups, rows.rates, RESOLVED, answer.sliding)
+        write_sliding(rows.groups, rows.rates, resolved, answer.sliding)
     aims = Aims(answer.target, answer.sliding, answer.collides)
     project = scaled and setting(w, SETTING.dissipative) > 0.0
     method = Method(tree, setting(w, SETTING.exact) != 0.0, rounds, floats(w.work, 1))
@@ -124,8 +125,8 @@ def goes_on(w, rows, solved, answer):
     """Write which contacts are hit only through others; return whether there are any whose restitution is lost."""
     if not solved.collided or setting(w, SETTING.restitution) == 0.0:
         return False
-    slowest = setting(w, SETTING.rest_speed)
-    return find_later(rows, answer.z, answer.x, answer.collides, slowest, RESOLVED, answer.later)
+    slowest, resolved = setting(w, SETTING.rest_speed), RESOLVED * setting(w, SETTING.meter)
+    return find_later(rows, answer.z, answer.x, answer.collides, slowest, resolved, answer.later)
 
 
 @plain

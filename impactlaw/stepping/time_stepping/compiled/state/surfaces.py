@@ -117,7 +117,7 @@ def _begin(w, row, goes_on, arm):
     far = 0.0
     for k in range(3):
         far += (row[ROW.to + k] - row[ROW.target + k]) ** 2
-    goes_on = goes_on and np.sqrt(far) <= max(2.0 * arm, PUT * h)
+    goes_on = goes_on and np.sqrt(far) <= max(2.0 * arm, PUT * setting(w, SETTING.meter) * h)
     put(row[ROW.start : ROW.to], row[ROW.target : ROW.mean] if goes_on else row[ROW.to : ROW.through])
     row[ROW.through : ROW.first] = 0.0
     turned = False
@@ -139,7 +139,7 @@ def _begin(w, row, goes_on, arm):
         change[k] = mean - known
         row[ROW.first + k], row[ROW.end + k] = before, 1.5 * mean - 0.5 * known
         moves = moves or before != 0.0 or mean != 0.0 or row[ROW.end + k] != 0.0
-    if _speed(change, 0, arm) > BLOW:
+    if _speed(change, 0, arm) > BLOW * setting(w, SETTING.meter):
         for k in range(6):
             row[ROW.first + k] = row[ROW.end + k] = row[ROW.through + k]
     for k in range(6):

@@ -28,6 +28,7 @@ class Settings(NamedTuple):
     sums: int = 11  # 1 if sums over collisions are asked for
     stands: int = 12  # 1 if cylinders can stand on planes
     listed: int = 13  # see `forces.listed_stage`
+    meter: int = 14  # see `scene.tolerances.meter`
 
 
 SETTING = Settings()
