@@ -80,7 +80,7 @@ class Stepper:
             overlap cannot be pushed out, or a step takes too much work (work is counted, not timed): "time-stepping"
             (the default) takes the rest of the step, "raise" raises an error (event-driven).
         gap_tolerance: gap up to which a contact counts as closed, and largest penetration at an event, m; 1e-9 by
-            default (event-driven).
+            default, 1e-6 in millimeters, see `scene.tolerances.meter` (event-driven).
         rest_speed: closing speed above which a contact collides, m/s or rad/s. By default 1e-3 for time stepping, where
             the speed must also exceed what forces produce within a step, and for soft contacts 0.1, or 1.5 times what
             gravity gives in a timestep (as they are when the stepper is made) if that is more.

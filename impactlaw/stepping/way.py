@@ -12,7 +12,7 @@ import numpy as np
 from impactlaw.errors import UncompilableError, UnreadSensorsWarning, warn_of_python
 from impactlaw.laws import Coulomb, Law, MaximalDissipation
 from impactlaw.laws.restitution.on_contacts import Chosen, restricted
-from impactlaw.scene.tolerances import GAP_TOLERANCE
+from impactlaw.scene.tolerances import GAP_TOLERANCE, meter
 from impactlaw.stepping.cautions import warn_of_held_joints
 from impactlaw.stepping.collisions import Collider
 from impactlaw.stepping.compatibility import unread_sensors
@@ -100,7 +100,7 @@ class Way:
             collider,
             self.plan,
             exact=self._friction != "convex",
-            gap_tolerance=GAP_TOLERANCE if o.gap_tolerance is None else o.gap_tolerance,
+            gap_tolerance=GAP_TOLERANCE * meter(self.model.opt.gravity) if o.gap_tolerance is None else o.gap_tolerance,
             push_out=o.overlap == "push-out",
             rest=rest,
         )

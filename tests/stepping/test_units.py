@@ -1,0 +1,141 @@
+"""Scenes in centimeters and millimeters move like the same scenes in meters."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from impactlaw import Moreau, Stepper
+
+WAYS = {
+    "event-driven": {},
+    "time-stepping": {"scheme": "time-stepping"},
+    "time-stepping in Python": {"scheme": "time-stepping", "compiled": "never"},
+}
+LENGTHS = pytest.mark.parametrize("meter", [100.0, 1000.0], ids=["cm", "mm"])
+
+
+def scene(meter, bodies, tendons="", integrator="RK4"):
+    """Return a scene in other units of length, whose bodies are a function of lengths, and its data."""
+    option = f'<option timestep="0.002" integrator="{integrator}" gravity="0 0 {-9.81 * meter}"/>'
+
+    def lengths(*values):
+        return " ".join(repr(value * meter) for value in values)
+
+    text = f"{option}<worldbody>{bodies(lengths)}</worldbody><tendon>{tendons and tendons(lengths)}</tendon>"
+    model = mujoco.MjModel.from_xml_string(f"<mujoco>{text}</mujoco>")
+    return model, mujoco.MjData(model)
+
+
+def shaken(meter, **way):
+    """Return the height, m, of a box on a table that moves up and down with at most 0.4 g, and its collisions."""
+    model, data = scene(
+        meter,
+        lambda x: (
+            f'<body mocap="true" pos="{x(0, 0, 0.1)}"><geom type="box" size="{x(0.3, 0.3, 0.1)}"/></body>'
+            f'<body pos="{x(0, 0, 0.3)}"><freejoint/><geom type="box" size="{x(0.1, 0.1, 0.1)}" mass="8"/></body>'
+        ),
+    )
+    stepper, collisions = Stepper(model, Moreau(0.5), **way), 0
+    for i in range(150):
+        data.mocap_pos[0, 2] = meter * (0.1 + 0.004 * (1.0 - np.cos(0.02 * np.pi * i)))
+        stepper.step(data)
+        collisions += stepper.sums.collisions
+    return data.qpos[2] / meter, collisions
+
+
+@pytest.mark.parametrize("way", WAYS)
+@LENGTHS
+def test_a_table_that_moves_smoothly_is_not_struck(meter, way):
+    height, collisions = shaken(meter, **WAYS[way])
+    expected, before = shaken(1.0, **WAYS[way])
+    assert collisions == before == 0
+    assert height == pytest.approx(expected, abs=1e-7)
+
+
+def swung(meter, **way):
+    """Return the position of a bob on a taut rope after 0.4 s, m, and the number of its collisions."""
+    model, data = scene(
+        meter,
+        lambda x: (
+            f'<site name="hook" pos="{x(0, 0, 2)}"/><body pos="{x(0.8, 0, 2)}"><freejoint/>'
+            f'<geom size="{x(0.05)}" mass="1"/><site name="bob"/></body>'
+        ),
+        lambda x: f'<spatial limited="true" range="0 {x(0.8)}"><site site="hook"/><site site="bob"/></spatial>',
+    )
+    stepper, collisions = Stepper(model, Moreau(0.0), **way), 0
+    for _ in range(200):
+        stepper.step(data)
+        collisions += stepper.sums.collisions
+    return data.qpos[:3] / meter, collisions
+
+
+@pytest.mark.parametrize("way", ["time-stepping", "time-stepping in Python"])
+@LENGTHS
+def test_a_rope_whose_direction_turns_does_not_collide_in_every_step(meter, way):
+    place, collisions = swung(meter, **WAYS[way])
+    expected, before = swung(1.0, **WAYS[way])
+    assert max(collisions, before) <= 10  # of 200 steps: the first ones, in which the rope begins to turn
+    assert place == pytest.approx(expected, abs=1e-5)
+
+
+def launched(meter, **way):
+    """Return positions of two touching balls a step after one was launched at the other, m."""
+    model, data = scene(
+        meter,
+        lambda x: "".join(
+            f'<body pos="{x(0.2 * i, 0, 0)}"><joint type="slide" axis="1 0 0"/><geom size="{x(0.1)}" mass="1"/></body>'
+            for i in range(2)
+        ),
+    )
+    data.qvel[0], stepper = meter, Stepper(model, Moreau(0.5), **way)
+    stepper.step(data)
+    return data.qpos / meter
+
+
+@pytest.mark.parametrize("way", ["time-stepping", "time-stepping in Python"])
+@LENGTHS
+def test_bodies_that_meet_in_the_first_step_are_moved_apart_at_once(meter, way):
+    assert launched(meter, **WAYS[way]) == pytest.approx(launched(1.0, **WAYS[way]), abs=1e-7)
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+def test_limits_of_hinges_do_not_depend_on_the_unit_of_length(compiled):
+    """A door in millimeters that is shut at 0.5 rad/s bounces off its limit with e."""
+    model, data = scene(
+        1000.0,
+        lambda x: (
+            '<body><joint axis="0 0 1" range="0 90" limited="true"/>'
+            f'<geom type="box" size="{x(0.4, 0.02, 1)}" pos="{x(0.4, 0, 0)}" mass="10"/></body>'
+        ),
+    )
+    data.qpos[0], data.qvel[0] = 0.05, -0.5
+    stepper = Stepper(model, Moreau(0.6), scheme="time-stepping", compiled=compiled)
+    for _ in range(100):
+        stepper.step(data)
+    assert data.qvel[0] == pytest.approx(0.3, rel=1e-9)
+
+
+def tumbled(meter):
+    """Return where two boxes are after they have tumbled over a floor, and the number of collisions."""
+    model, data = scene(
+        meter,
+        lambda x: (
+            f'<geom type="plane" size="{x(9, 9, 1)}" friction="0.4"/>'
+            f'<body pos="{x(0, 0, 0.25)}" euler="14 33 13"><freejoint/>'
+            f'<geom type="box" size="{x(0.1, 0.1, 0.1)}" mass="8" friction="0.4"/></body>'
+            f'<body pos="{x(0.05, 0.02, 0.55)}" euler="-52 36 18"><freejoint/>'
+            f'<geom type="box" size="{x(0.1, 0.1, 0.1)}" mass="8" friction="0.4"/></body>'
+        ),
+    )
+    stepper, collisions = Stepper(model, Moreau(0.5)), 0
+    for _ in range(150):
+        stepper.step(data)
+        collisions += stepper.sums.collisions
+    return data.qpos.reshape(2, 7)[:, :3] / meter, collisions
+
+
+def test_gaps_in_millimeters_are_not_finer_than_their_rounding():
+    """Contacts that open and close by rounding would collide again and again, until time stepping takes over."""
+    (places, collisions), (expected, before) = tumbled(1000.0), tumbled(1.0)
+    assert places == pytest.approx(expected, abs=1e-5)
+    assert collisions == before
