@@ -196,7 +196,7 @@ class TimeStepping:
             0.0,
             float(self._options.stands),
             float(self._listed),
-            self._problem.meter,
+            self.problem.meter,
         )
 
     def step(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
