@@ -24,7 +24,7 @@ from impactlaw.errors import SettledError
         {"law": LawDistribution(("moreau", "maximal-dissipation"), [0.2, 0.9])},
         {"law": LawDistribution(("moreau",), scipy.stats.beta(2, 5))},
     ],
-    ids=str,
+    ids=["law", "E = 0", "laws", "coefficients", "drawn laws", "drawn from a list", "drawn from beta"],
 )
 def test_worlds_can_be_made_from_the_json_of_their_spec(name: str, options: dict):
     worlds = gymnasium.make_vec(name, num_envs=2, **options)
