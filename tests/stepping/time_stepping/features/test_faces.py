@@ -39,7 +39,8 @@ def _leveled(gaps, heights, second=(0.0, 0.0, 1.0), *, move=BOTH, condim=3):
     pos, frame = np.array([[0.0, 0.0, heights[0]], [1.0, 0.0, heights[1]]]), np.zeros((2, 9))
     frame[0, :3], frame[1, :3] = (0.0, 0.0, 1.0), second
     dim, nowhere = np.full(2, condim, np.int32), (0, 0)  # distances of planes are never asked for
-    moved = mend_contacts(np.array(gaps), pos, frame, dim, GEOMS, BODIES, WELD, move, PLANES, nowhere)
+    contacts = np.array(gaps), pos, frame, GEOMS
+    moved = mend_contacts(contacts, dim, (BODIES, WELD, move), PLANES, np.zeros(3), nowhere)
     return moved, pos[:, 2].tolist()
 
 
