@@ -15,7 +15,7 @@ from impactlaw.scene.tolerances import NO_LEVER, ON_AXIS, OUT_OF_REACH, SHORT
 
 _FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL)
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
-_PLANE, _CYLINDER = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
+_PLANE, _FIELD, _CYLINDER = (int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("PLANE", "HFIELD", "CYLINDER"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,11 +100,27 @@ def update_positions(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 def _hidden(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     """Return which of MuJoCo's contacts the plane of a closed one hides, bool (ncon,); see `hide_edges`."""
-    found, room = data.contact, np.empty(2 * model.ngeom + data.ncon, dtype=int)
-    gap, bodies = found.dist.copy(), (model.geom_bodyid, model.body_weldid, model.body_treeid)
-    shapes = model.geom_type, model.geom_size, data.geom_xpos, data.geom_xmat
-    hide_edges(gap, found.pos, found.frame, found.geom, *bodies, shapes, (model, data), room)
-    return gap == OUT_OF_REACH
+    found, out = data.contact, np.zeros(data.ncon, dtype=bool)
+    which = _on_pieces(model, found.geom)
+    if len(which):
+        gap, room = found.dist[which], np.empty(2 * model.ngeom + len(which), dtype=int)
+        shapes = model.geom_type, model.geom_size, data.geom_xpos, data.geom_xmat
+        bodies, at = (model.geom_bodyid, model.body_weldid, model.body_treeid), (model, data)
+        hide_edges(gap, found.pos[which], found.frame[which], found.geom[which], *bodies, shapes, at, room)
+        out[which] = gap == OUT_OF_REACH
+    return out
+
+
+def _on_pieces(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
+    """Return the indices of the contacts, (ncon, 2), of moving geoms with several fixed ones or a height field."""
+    fixed = model.body_treeid[model.geom_bodyid[geoms]] < 0
+    which = np.flatnonzero((fixed[:, 0] != fixed[:, 1]) & (geoms >= 0).all(axis=1))
+    pairs, own = geoms[which], fixed[which, 0].astype(int)  # the place of the geom that moves
+    mover, floor = pairs[np.arange(len(which)), own], pairs[np.arange(len(which)), 1 - own]
+    last, several = np.empty(model.ngeom, dtype=int), np.zeros(model.ngeom, dtype=bool)
+    last[mover] = floor
+    several[mover[(last[mover] != floor) | (model.geom_type[floor] == _FIELD)]] = True
+    return which[several[mover]]
 
 
 def acted_on(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from impactlaw import Moreau, Stepper
+from impactlaw.scene.corrected import hidden_edges
 
 SHAPES = {
     "box": '<geom type="box" size=".07 .05 .04" mass="1" friction="0" condim="1"/>',
@@ -57,3 +58,20 @@ def test_bodies_bounce_off_a_wall_on_the_floor(shape, compiled):
 
     assert _slide(model, step)[0] < 0.0
     assert collisions
+
+
+def test_contacts_of_bodies_on_one_geom_are_not_compared_with_each_other(monkeypatch):
+    """Hundreds of contacts on a plane would cost more than the rest of the step."""
+
+    def refuse(*_):
+        raise AssertionError("a plane hides no edges")
+
+    model = _model("box", 'size=".5 .5 .1" pos="9 0 -.1"')
+    data, events = mujoco.MjData(model), []
+    data.qvel[2] = -1.0
+    monkeypatch.setattr(hidden_edges, "hides", refuse)
+    stepper = Stepper(model, Moreau(0.5), contact_model="soft", compiled="never")
+    for _ in range(10):
+        stepper.step(data)
+        events.extend(stepper.events)
+    assert len(events[0].contacts) == 4
