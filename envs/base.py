@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import dataclasses
 from abc import abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,7 +11,6 @@ from typing import Any, ClassVar, Literal
 import gymnasium
 import mujoco
 import numpy as np
-from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 from gymnasium.utils.seeding import np_random
@@ -21,7 +19,7 @@ from impactlaw.envs.arguments import box, check_arguments
 from impactlaw.envs.episode_seeds import OUTCOMES, EpisodeSeeds
 from impactlaw.envs.info import impact_info, steps_short
 from impactlaw.envs.law_in_force import LawInForce
-from impactlaw.envs.law_options import LawOptions, check_reset, portable_options
+from impactlaw.envs.law_options import LawOptions, PortableSpec, check_reset
 from impactlaw.envs.logs.episode_log import episode_log
 from impactlaw.envs.rendering import Pictures, has_display
 from impactlaw.errors import ActionError, DivergenceError
@@ -36,7 +34,7 @@ _ANEW = "make a new environment"
 _RESET = "pass it to reset(options=...), for an episode, or make a new environment"
 
 
-class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
+class ImpactEnv(PortableSpec, LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):  # pyright: ignore[reportIncompatibleVariableOverride]  (spec)
     """A scene under an impact law as a gymnasium environment.
 
     A subclass names its scene and default law, may `edit` the scene, and defines how an episode starts, what an action
@@ -83,7 +81,6 @@ class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # noqa: RUF012  (as gymnasium declares it)
 
-    _spec: EnvSpec | None = None
     _begun = False
 
     SCENE: ClassVar[str]
@@ -175,15 +172,6 @@ class ImpactEnv(LawInForce, gymnasium.Env[np.ndarray, np.ndarray]):
     def simulation(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
         """Return model and data."""
         return self.model, self.data
-
-    @property
-    def spec(self) -> EnvSpec | None:
-        """The spec from which `gymnasium.make` makes the same environment; laws in it can be written to JSON."""
-        return self._spec
-
-    @spec.setter
-    def spec(self, spec: EnvSpec | None) -> None:  # pyright: ignore[reportIncompatibleVariableOverride]
-        self._spec = None if spec is None else dataclasses.replace(spec, kwargs=portable_options(spec.kwargs))
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

@@ -11,6 +11,7 @@ from functools import cached_property
 from typing import Any, Literal
 
 import mujoco
+from gymnasium.envs.registration import EnvSpec
 
 from impactlaw.envs.episode_seeds import EpisodeSeeds
 from impactlaw.envs.law_distribution import LawDistribution, is_written
@@ -210,3 +211,18 @@ def portable_options(options: Mapping[str, Any]) -> dict[str, Any]:
     if result.get("log") is not None:
         result["log"] = str(result["log"])
     return result
+
+
+class PortableSpec:
+    """What has a spec from which gymnasium makes the same again; laws in it can be written to JSON."""
+
+    _spec: EnvSpec | None = None
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """The spec; its arguments are written as plain values, as far as possible."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = None if spec is None else replace(spec, kwargs=portable_options(spec.kwargs))

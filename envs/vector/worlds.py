@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
-from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from impactlaw.envs.law_distribution import LawDistribution
-from impactlaw.envs.law_options import check_reset, portable_options
+from impactlaw.envs.law_options import PortableSpec, check_reset
 from impactlaw.envs.vector.asked_laws import Asked
 from impactlaw.envs.vector.laws_of_worlds import LawsOfWorlds
 from impactlaw.envs.vector.task import Task
@@ -30,7 +28,7 @@ _SINGLE = "make single environments, which have it, or new worlds"
 _SYNC = "put single environments into a SyncVectorEnv of gymnasium, which takes others"
 
 
-class VectorWorlds(VectorEnv):
+class VectorWorlds(PortableSpec, VectorEnv):  # pyright: ignore[reportIncompatibleVariableOverride]  (spec)
     """Many worlds of one task under impact laws, as a gymnasium `VectorEnv`.
 
     After the end of an episode, the next step resets its world and ignores the action (`AutoresetMode.NEXT_STEP`). If
@@ -79,7 +77,6 @@ class VectorWorlds(VectorEnv):
         max_episode_steps: int | None = None,
         options: Mapping[str, Any] | None = None,
     ):
-        self._spec: EnvSpec | None = None
         check_count("num_envs", num_envs)
         if max_episode_steps is not None:
             check_count("max_episode_steps", max_episode_steps)
@@ -103,15 +100,6 @@ class VectorWorlds(VectorEnv):
         self.contact_model, self.log, self.log_every = self.batch.contact_model, None, 1
         self.scheme = "time-stepping" if rigid else None
         self.on_inadmissible = given.get("on_inadmissible") or ("project" if rigid else None)
-
-    @property
-    def spec(self) -> EnvSpec | None:
-        """The spec from which `gymnasium.make_vec` makes the same worlds; laws in it can be written to JSON."""
-        return self._spec
-
-    @spec.setter
-    def spec(self, spec: EnvSpec | None) -> None:  # pyright: ignore[reportIncompatibleVariableOverride]
-        self._spec = None if spec is None else dataclasses.replace(spec, kwargs=portable_options(spec.kwargs))
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
