@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 import mujoco
 from gymnasium.envs.registration import EnvSpec
+from gymnasium.vector import AutoresetMode
 
 from impactlaw.envs.episode_seeds import EpisodeSeeds
 from impactlaw.envs.law_distribution import LawDistribution, is_written
@@ -210,6 +211,8 @@ def portable_options(options: Mapping[str, Any]) -> dict[str, Any]:
         result["contacts"] = list(result["contacts"])
     if result.get("log") is not None:
         result["log"] = str(result["log"])
+    if isinstance(result.get("autoreset_mode"), AutoresetMode):
+        result["autoreset_mode"] = result["autoreset_mode"].value
     return result
 
 

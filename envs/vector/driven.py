@@ -9,7 +9,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium import spaces
-from gymnasium.vector import SyncVectorEnv, VectorEnv
+from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 
 from impactlaw.batch import Batch
 from impactlaw.envs.law_distribution import LawDistribution
@@ -23,7 +23,9 @@ from impactlaw.errors import ActionError, OptionError, UncompiledWarning
 from impactlaw.models import START
 from impactlaw.stepping.compatibility import check_count
 
-_OF_WORLDS = {"law", "restitution", "scheme", "frame_skip", "nthread", "batch_options", "max_episode_steps"}
+_OF_WORLDS = {
+    "law", "restitution", "scheme", "frame_skip", "nthread", "batch_options", "max_episode_steps", "autoreset_mode",
+}  # fmt: skip
 
 
 class Driven:
@@ -101,7 +103,7 @@ def _make(kind: type[DrivenEnv], num_envs: int, **options: Any) -> VectorEnv:
     return VectorWorlds(
         Driven(env), num_envs, asked_laws(env.model, law, options.get("restitution"), num_envs),
         nthread=options.get("nthread", 0), max_episode_steps=options.get("max_episode_steps"),
-        options=options.get("batch_options"),
+        autoreset_mode=options.get("autoreset_mode", AutoresetMode.NEXT_STEP), options=options.get("batch_options"),
     )  # fmt: skip
 
 
@@ -141,12 +143,13 @@ def _side_by_side(name: str, num_envs: int, options: dict[str, Any], single: str
             raise OptionError(f"{worlds} is for compiled worlds, which do not have {single}: leave one of them out")
     if isinstance(options.get("law"), LawDistribution):
         raise OptionError(f"a LawDistribution is for compiled worlds, which do not have {single}: use RandomLaw here")
+    autoreset = options.pop("autoreset_mode", AutoresetMode.NEXT_STEP)
     own = [dict(options) for _ in range(num_envs)]
     for option in ("law", "restitution"):
         if option in options:
             for one, value in zip(own, each(f"values of {option}", options[option], num_envs), strict=True):
                 one[option] = value
-    made = Alongside([partial(gymnasium.make, name, **one) for one in own])
+    made = Alongside([partial(gymnasium.make, name, **one) for one in own], autoreset_mode=autoreset)
     warnings.warn(
         f"only single environments have {single}: these are {num_envs} of them, stepped one after another, and not "
         'compiled worlds; leave it out for worlds, or pass vectorization_mode="sync"',
@@ -166,7 +169,8 @@ def make_juggler(num_envs: int, **options: Any) -> VectorEnv:
         num_envs: number of worlds.
         options: "law", "restitution" and "frame_skip" of the environment. "law" and "restitution" may also be a list or
             an array with one value per world; "law" may be a `LawDistribution`, from which each world draws a law for
-            each episode. Further "nthread" and "batch_options" of `impactlaw.Batch`, and "max_episode_steps".
+            each episode. Further "nthread" and "batch_options" of `impactlaw.Batch`, "max_episode_steps" and
+            "autoreset_mode".
     """
     return _make(Juggler, num_envs, **options)
 

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 from gymnasium import spaces
+from gymnasium.vector import AutoresetMode
 
 from impactlaw.envs.law_distribution import LawDistribution
 from impactlaw.envs.vector.asked_laws import asked_laws
@@ -75,6 +76,7 @@ def make_robots(
     contact_model: Literal["rigid", "soft"] = "rigid",
     nthread: int = 0,
     max_episode_steps: int | None = None,
+    autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
     batch_options: Mapping[str, Any] | None = None,
     **options: Any,
 ) -> VectorWorlds:
@@ -90,12 +92,13 @@ def make_robots(
         contact_model: "rigid", which is time stepped, or "soft"; see `impactlaw.Batch`.
         nthread: number of threads; 0 for one per processor.
         max_episode_steps: number of steps after which an episode is truncated.
+        autoreset_mode: what resets a world whose episode has ended, see `VectorWorlds`.
         batch_options: options of `impactlaw.Batch`.
         options: arguments of gymnasium's environment, except those for pictures; rigid worlds also accept
             scheme="time-stepping".
 
     Raises:
-        UnknownNameError: there is no such law, or no such contact model.
+        UnknownNameError: there is no such law, contact model or autoreset_mode.
         RestitutionError: a law does not fit the scene, or a restitution is given for a law that has its own.
         SceneError: compiled code does not cover a law.
         OptionError: the number of worlds or threads is invalid, the number of laws is not that of the worlds, or an
@@ -106,7 +109,7 @@ def make_robots(
     chosen = asked_laws(task.model, law, restitution, num_envs, usual=0.0)
     return VectorWorlds(
         task, num_envs, chosen, contact_model=contact_model, nthread=nthread, max_episode_steps=max_episode_steps,
-        options=batch_options,
+        autoreset_mode=autoreset_mode, options=batch_options,
     )  # fmt: skip
 
 

@@ -17,7 +17,7 @@ from impactlaw.envs.law_options import PortableSpec, check_reset
 from impactlaw.envs.vector.asked_laws import Asked
 from impactlaw.envs.vector.laws_of_worlds import LawsOfWorlds
 from impactlaw.envs.vector.task import Task
-from impactlaw.errors import ActionError, CopyError, OptionError, SettledError, UnsupportedError
+from impactlaw.errors import ActionError, CopyError, OptionError, SettledError, UnknownNameError, UnsupportedError
 from impactlaw.laws import Law
 from impactlaw.settled import Settled
 from impactlaw.stepping.compatibility import check_count
@@ -25,14 +25,12 @@ from impactlaw.stepping.compatibility import check_count
 _OPTIONS = ("law", "restitution")
 _ANEW = "make new worlds"
 _SINGLE = "make single environments, which have it, or new worlds"
-_SYNC = "put single environments into a SyncVectorEnv of gymnasium, which takes others"
 
 
 class VectorWorlds(PortableSpec, VectorEnv):  # pyright: ignore[reportIncompatibleVariableOverride]  (spec)
     """Many worlds of one task under impact laws, as a gymnasium `VectorEnv`.
 
-    After the end of an episode, the next step resets its world and ignores the action (`AutoresetMode.NEXT_STEP`). If
-    the simulation of a world diverges, its state returns to the start of the step, its episode is truncated, and
+    If the simulation of a world diverges, its state returns to the start of the step, its episode is truncated, and
     ``info["impact/diverged"]`` is 1. World i starts after ``reset(seed=s)`` like a single environment after
     ``reset(seed=s + i)``.
 
@@ -47,6 +45,9 @@ class VectorWorlds(PortableSpec, VectorEnv):  # pyright: ignore[reportIncompatib
         contact_model: option of `Batch`.
         nthread: number of threads; 0 for one per processor.
         max_episode_steps: number of steps after which an episode is truncated; None for no limit.
+        autoreset_mode: what resets a world whose episode has ended, an `AutoresetMode` of gymnasium or its value: the
+            next step, which ignores the action; the same step, which tells the end in ``info["final_obs"]`` and
+            ``info["final_info"]``; or only `reset` ("Disabled").
         options: further options of `Batch`.
 
     Attributes:
@@ -54,14 +55,14 @@ class VectorWorlds(PortableSpec, VectorEnv):  # pyright: ignore[reportIncompatib
 
     Raises:
         OptionError: a number is invalid, the number of laws is not that of the worlds, or options are not a mapping.
-        UnknownNameError: there is no such law, or no such option.
+        UnknownNameError: there is no such law, no such option, or no such autoreset_mode.
         RestitutionError: a law does not fit the scene.
         SceneError: compiled code does not cover the scene, or a law.
     """
 
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012  (as gymnasium declares it)
 
-    autoreset_mode = Settled(_SYNC)
+    autoreset_mode = Settled(_ANEW)
     nthread, frame_skip, max_episode_steps = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
     friction, on_inadmissible, rest_speed = Settled(_ANEW), Settled(_ANEW), Settled(_ANEW)
     contact_model, scheme, log, log_every = Settled(_SINGLE), Settled(_SINGLE), Settled(_SINGLE), Settled(_SINGLE)
@@ -75,11 +76,13 @@ class VectorWorlds(PortableSpec, VectorEnv):  # pyright: ignore[reportIncompatib
         contact_model: Literal["rigid", "soft"] = "rigid",
         nthread: int = 0,
         max_episode_steps: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         options: Mapping[str, Any] | None = None,
     ):
         check_count("num_envs", num_envs)
         if max_episode_steps is not None:
             check_count("max_episode_steps", max_episode_steps)
+        autoreset = _autoreset_mode(autoreset_mode)
         self._task, self.num_envs, self._limit = task, num_envs, max_episode_steps
         self.single_observation_space, self.single_action_space = task.observation_space, task.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -94,7 +97,8 @@ class VectorWorlds(PortableSpec, VectorEnv):  # pyright: ignore[reportIncompatib
         self._begun = False
         # options that single environments or a `Batch` also have; they can be read, but not set
         given, rigid = options or {}, self.batch.contact_model == "rigid"
-        self.autoreset_mode = AutoresetMode.NEXT_STEP
+        self.autoreset_mode = autoreset
+        self.metadata = self.metadata | {"autoreset_mode": autoreset}
         self.nthread, self.frame_skip, self.max_episode_steps = nthread, task.frame_skip, max_episode_steps
         self.friction, self.rest_speed = given.get("friction", "coulomb"), given.get("rest_speed")
         self.contact_model, self.log, self.log_every = self.batch.contact_model, None, 1
@@ -212,36 +216,70 @@ class VectorWorlds(PortableSpec, VectorEnv):  # pyright: ignore[reportIncompatib
         self._elapsed[worlds], self._over[worlds] = 0, False
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Step all worlds whose episode is running, and reset the others.
+        """Step all worlds whose episode is running, and reset the others as ``autoreset_mode`` says.
 
         Raises:
-            ResetNeeded: there was no reset yet (gymnasium's own error).
+            ResetNeeded: there was no reset yet, or none since an episode has ended that steps do not reset (gymnasium's
+                own error).
             ActionError: the actions are not numbers, one row per world.
         """
         if not self._begun:
             raise ResetNeeded("episodes begin with reset(); call it before step()")
-        actions = self._checked(actions)
         over, going = np.flatnonzero(self._over), np.flatnonzero(~self._over)
+        if len(over) and self.autoreset_mode is not AutoresetMode.NEXT_STEP:
+            raise ResetNeeded(
+                f"episodes have ended in the worlds {over.tolist()}, and steps do not reset them: call reset() with "
+                'options={"reset_mask": terminated | truncated}'
+            )
+        actions = self._checked(actions)
         reward, terminated = np.zeros(self.num_envs), np.zeros(self.num_envs, bool)
-        truncated, info = np.zeros(self.num_envs, bool), dict[str, Any]()
+        truncated = np.zeros(self.num_envs, bool)
         before = self._counts()
         found = self._task.step(going, actions[going])
         told = {name: (now - before[name])[going] for name, now in self._counts().items()}
-        told["impact/diverged"] = found.diverged
+        told |= {"impact/diverged": found.diverged.astype(int)}
         reward[going] = np.where(found.diverged, 0.0, found.reward)
         terminated[going], truncated[going] = found.terminated & ~found.diverged, found.diverged
-        for name, value in (found.info | told).items():
-            info[name] = np.zeros((self.num_envs, *value.shape[1:]), float if value.dtype.kind == "f" else int)
-            info[name][going] = value
-            info[f"_{name}"] = ~self._over
         self._elapsed[going] += 1
         if self._limit is not None:
             truncated[going] |= self._elapsed[going] >= self._limit
         if len(over):
             self._begin(over, [None] * len(over))
-        info |= self._laws.info()
         self._over = terminated | truncated
-        return self._task.observe(), reward, terminated, truncated, info
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and self._over.any():
+            info = self._reset_ended(found.info | told)
+        else:
+            info = self._of_all(going, found.info | told)
+        return self._task.observe(), reward, terminated, truncated, info | self._laws.info()
+
+    def _reset_ended(self, told: Mapping[str, np.ndarray]) -> dict[str, Any]:
+        """Reset the worlds whose episode has ended; return info of the others, and the end of these in it.
+
+        Args:
+            told: entries of info of all worlds.
+        """
+        mask, observed, laws = self._over.copy(), self._task.observe(), self._laws.info()
+        ended, others = np.flatnonzero(mask), np.flatnonzero(~mask)
+        final = np.empty(self.num_envs, object)
+        for i in ended:
+            final[i] = observed[i]
+        last = dict(told) | {name: value for name, value in laws.items() if not name.startswith("_")}
+        self._begin(ended, [None] * len(ended))
+        return self._of_all(others, {name: value[others] for name, value in told.items()}) | {
+            "final_obs": final,
+            "_final_obs": mask,
+            "final_info": self._of_all(ended, {name: value[ended] for name, value in last.items()}),
+            "_final_info": mask.copy(),
+        }
+
+    def _of_all(self, worlds: np.ndarray, told: Mapping[str, np.ndarray]) -> dict[str, Any]:
+        """Return entries of info of all worlds, with masks, from those of some worlds."""
+        info, has_it = dict[str, Any](), np.isin(np.arange(self.num_envs), worlds)
+        for name, value in told.items():
+            empty = np.empty if value.dtype == object else np.zeros
+            info[name] = empty((self.num_envs, *value.shape[1:]), value.dtype)
+            info[name][worlds], info[f"_{name}"] = value, has_it.copy()
+        return info
 
     def _counts(self) -> dict[str, np.ndarray]:
         batch = self.batch
@@ -259,3 +297,11 @@ class VectorWorlds(PortableSpec, VectorEnv):  # pyright: ignore[reportIncompatib
         if found.shape != wanted:
             raise ActionError(f"actions are numbers of shape {wanted}, one row for each world, got shape {found.shape}")
         return found
+
+
+def _autoreset_mode(mode: Any) -> AutoresetMode:
+    """Return gymnasium's mode; raise UnknownNameError if there is none of this value."""
+    modes = [one.value for one in AutoresetMode]
+    if mode not in (*AutoresetMode, *modes):
+        raise UnknownNameError("autoreset_mode", mode, modes)
+    return AutoresetMode(mode)
