@@ -196,12 +196,18 @@ def standing_cylinders(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray] |
     return (planes, cylinders) if len(planes) and len(cylinders) else None
 
 
+def _can_meet(model: mujoco.MjModel, planes: np.ndarray, cylinders: np.ndarray) -> bool:
+    """Return whether some of these geoms may collide now; those of pictures cannot."""
+    masks = model.geom_contype | model.geom_conaffinity
+    return model.npair > 0 or all(np.count_nonzero(masks[geoms]) for geoms in (planes, cylinders))
+
+
 def collide(model: mujoco.MjModel, data: mujoco.MjData, standing: tuple[np.ndarray, np.ndarray] | None = None) -> None:
     """Run MuJoCo's collision detection at the current frames (`update_positions`); replaces data.contact.
 
     With the result of `standing_cylinders`, the contacts of cylinders that stand on planes are corrected.
     """
-    if standing is None:
+    if standing is None or not _can_meet(model, *standing):
         _find_contacts(model, data)
         return
     # compiled code, which reading other scenes should not load

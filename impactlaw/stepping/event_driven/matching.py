@@ -132,6 +132,8 @@ def _match_points(contact_set: ContactSet, phase: Phase) -> np.ndarray:
     travel = phase.travel.between(start.frames, data)
     near = least <= 2.0 * travel[contacts.geoms].sum(axis=1) + _SAME_POINT * phase.tolerance
     near |= np.isfinite(least) & pattern.single
+    if near.all():
+        return nearest
     index[near] = nearest[near]
     moved[:, ~start.closed] = np.inf
     moved[:, start.contact_velocity > start.rounding] += np.where(pattern.rolling, _LAST, np.inf)[:, None]
