@@ -199,7 +199,7 @@ def standing_cylinders(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray] |
 def _can_meet(model: mujoco.MjModel, planes: np.ndarray, cylinders: np.ndarray) -> bool:
     """Return whether some of these geoms may collide now; those of pictures cannot."""
     masks = model.geom_contype | model.geom_conaffinity
-    return model.npair > 0 or all(np.count_nonzero(masks[geoms]) for geoms in (planes, cylinders))
+    return model.npair > 0 or (np.count_nonzero(masks[cylinders]) > 0 and np.count_nonzero(masks[planes]) > 0)
 
 
 def collide(model: mujoco.MjModel, data: mujoco.MjData, standing: tuple[np.ndarray, np.ndarray] | None = None) -> None:
