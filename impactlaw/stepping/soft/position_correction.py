@@ -7,6 +7,9 @@ acted when their contacts closed: over the time tau since then, the change of ve
 ``tau (v+ - v-)``, and such contacts are open. Bodies that MuJoCo's contacts would not push stay where they are. So do
 bodies whose contact was closed long before and left to MuJoCo: bodies at rest, such as a figure that lies on a floor,
 would be moved again and again.
+
+Free bodies have their angular velocity in axes of their own, which this move turns. A body with the same inertia about
+all axes, such as a ball, keeps its angular velocity in the axes of the world, and its energy with it.
 """
 
 from __future__ import annotations
@@ -20,6 +23,9 @@ from impactlaw.stepping.soft.tolerances import JUST_CLOSED, OPENING
 
 _DISCRETE = int(mujoco.mjtIntegrator.mjINT_DISCRETE)
 _CONES = [int(getattr(mujoco.mjtConstraint, f"mjCNSTR_CONTACT_{name}")) for name in ("PYRAMIDAL", "ELLIPTIC")]
+_FREE = int(mujoco.mjtJoint.mjJNT_FREE)
+ROUND = 1e-6
+"""Relative difference of the moments of inertia up to which a body has the same inertia about all axes."""
 _ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 
 
@@ -82,8 +88,21 @@ def _move(model: mujoco.MjModel, data: mujoco.MjData, change: np.ndarray, rows: 
     island, of_row = find_islands(data.efc_type, data.efc_id, *jacobian, trees, model.ntree)
     longest = np.zeros(model.ntree)
     np.maximum.at(longest, of_row[rows], since)
-    mujoco.mj_integratePos(model, data.qpos, longest[island[trees]] * change, 1.0)
+    move = longest[island[trees]] * change
+    mujoco.mj_integratePos(model, data.qpos, move, 1.0)
+    _keep_spin(model, data, move)
     mujoco.mj_fwdPosition(model, data)
     mujoco.mj_sensorPos(model, data)
     if model.opt.enableflags & _ENERGY:
         mujoco.mj_energyPos(model, data)
+
+
+def _keep_spin(model: mujoco.MjModel, data: mujoco.MjData, move: np.ndarray) -> None:
+    """Keep the angular velocity, in the axes of the world, of round free bodies that a move, (nv,), has turned."""
+    back = np.empty(4)
+    for dof in model.jnt_dofadr[model.jnt_type == _FREE]:
+        turn = slice(dof + 3, dof + 6)
+        angle, inertia = float(np.linalg.norm(move[turn])), model.dof_M0[turn]
+        if angle > 0.0 and model.dof_simplenum[dof] and np.ptp(inertia) <= ROUND * inertia.max():
+            mujoco.mju_axisAngle2Quat(back, move[turn] / angle, -angle)
+            mujoco.mju_rotVecQuat(data.qvel[turn], data.qvel[turn].copy(), back)

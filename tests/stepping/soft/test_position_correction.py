@@ -144,3 +144,16 @@ def test_what_rests_is_not_moved(compiled):
         stepper.step(data)
         assert stepper.sums.collisions > 0
         assert data.qpos[[2, 9]] - before[[2, 9]] == pytest.approx(h * data.qvel[[2, 8]], abs=1e-12)
+
+
+@pytest.mark.parametrize("compiled", COMPILED)
+def test_a_ball_that_is_moved_keeps_its_spin_in_the_axes_of_the_world(compiled):
+    """An impulse at its lowest point has no moment about the vertical."""
+    model, data = scene()
+    data.qvel[6:] = [-5.0, 5.0, -0.3, 200.0, -200.0, -75.0]
+    stepper = Stepper(model, Moreau(0.5), contact_model="soft", compiled=compiled)
+    stepper.step(data, 10)
+    spin = np.empty(3)
+    mujoco.mju_rotVecQuat(spin, data.qvel[9:], data.qpos[10:])
+    assert spin[2] == pytest.approx(-75.0, abs=1e-9)
+    assert np.linalg.norm(spin) == pytest.approx(np.linalg.norm(data.qvel[9:]), abs=1e-9)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 from numba import types
 
@@ -15,6 +16,7 @@ from impactlaw.stepping.compiled.access import (
     data_floats,
     data_ints,
     jacobian_of,
+    model_floats,
     model_ints,
     number,
     offset,
@@ -25,7 +27,10 @@ from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of,
 from impactlaw.stepping.compiled.islands import join_trees, tree_of
 from impactlaw.stepping.soft.compiled.contacts.active_contacts import find, normal_velocities
 from impactlaw.stepping.soft.compiled.contacts.kinds import LAW, WORLD
+from impactlaw.stepping.soft.position_correction import ROUND
 from impactlaw.stepping.soft.tolerances import JUST_CLOSED, OPENING
+
+_FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 
 
 @plain
@@ -74,6 +79,28 @@ def _since(w, law, found, i, closing, opening, wanted):
 
 
 @kernel
+def _keep_spin(w, qvel, move):
+    """Keep the angular velocity, in the axes of the world, of round free bodies that a move, (nv,), has turned."""
+    joints, back, axis, spin = size(w, MODEL.njnt), numbers(4), numbers(3), numbers(3)
+    kind, first = model_ints(w, MODEL.jnt_type, joints), model_ints(w, MODEL.jnt_dofadr, joints)
+    simple, inertia = model_ints(w, MODEL.dof_simplenum, w.nv), model_floats(w, MODEL.dof_M0, w.nv)
+    for j in range(joints):
+        a = first[j] + 3
+        if kind[j] != _FREE or not simple[first[j]]:
+            continue
+        angle = np.sqrt(move[a] ** 2 + move[a + 1] ** 2 + move[a + 2] ** 2)
+        most = max(inertia[a], inertia[a + 1], inertia[a + 2])
+        if angle > 0.0 and most - min(inertia[a], inertia[a + 1], inertia[a + 2]) <= ROUND * most:
+            for k in range(3):
+                axis[k], spin[k] = move[a + k] / angle, qvel[a + k]
+            mj.axis_angle_to_quat(address_of(back), address_of(axis), -angle)
+            mj.rotate(address_of(qvel) + 8 * a, address_of(spin), address_of(back))
+    keep(back)
+    keep(axis)
+    keep(spin)
+
+
+@kernel
 def _move(w, found, since, before):
     """Move each island by its change of velocity times the longest time since one of its contacts has closed."""
     n, many, tree = number(w, DATA.nefc), size(w, MODEL.ntree), model_ints(w, MODEL.dof_treeid, w.nv)
@@ -87,6 +114,7 @@ def _move(w, found, since, before):
     for k in range(w.nv):
         change[k] = longest[island[tree[k]]] * (qvel[k] - before[k])
     mj.integrate_pos(w.model, data_at(w, DATA.qpos), address_of(change), 1.0)
+    _keep_spin(w, qvel, change)
     keep(change)
     mj.fwd_position(w.model, w.data)
 
