@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import attrgetter
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -15,7 +16,9 @@ from impactlaw.scene.tolerances import NO_LEVER, ON_AXIS, OUT_OF_REACH, SHORT
 
 _FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL)
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
-_PLANE, _FIELD, _CYLINDER = (int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("PLANE", "HFIELD", "CYLINDER"))
+_PLANE, _FIELD, _CYLINDER, _CAPSULE = (
+    int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("PLANE", "HFIELD", "CYLINDER", "CAPSULE")
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,38 +193,45 @@ def row_velocities(model: mujoco.MjModel, data: mujoco.MjData, velocity: np.ndar
     return rows
 
 
-def standing_cylinders(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the planes and cylinders of a scene, whose contacts `collide` corrects; None if it lacks one of them."""
-    planes, cylinders = (np.flatnonzero(model.geom_type == kind) for kind in (_PLANE, _CYLINDER))
-    return (planes, cylinders) if len(planes) and len(cylinders) else None
+class Cylinders(NamedTuple):
+    """The geoms of a scene that matter for the contacts of cylinders which `collide` corrects."""
+
+    planes: np.ndarray  # on which cylinders can stand
+    cylinders: np.ndarray
+    beside: bool  # whether two can touch side by side
 
 
-def _can_meet(model: mujoco.MjModel, planes: np.ndarray, cylinders: np.ndarray) -> bool:
-    """Return whether some of these geoms may collide now; those of pictures cannot."""
-    masks = model.geom_contype | model.geom_conaffinity
-    return model.npair > 0 or (np.count_nonzero(masks[cylinders]) > 0 and np.count_nonzero(masks[planes]) > 0)
+def cylinders_of(model: mujoco.MjModel) -> Cylinders | None:
+    """Return the planes and cylinders of a scene; None if it has no cylinders that stand or touch side by side."""
+    planes, cylinders, capsules = (np.flatnonzero(model.geom_type == kind) for kind in (_PLANE, _CYLINDER, _CAPSULE))
+    beside = len(cylinders) + len(capsules) > 1
+    return Cylinders(planes, cylinders, beside) if len(cylinders) and (beside or len(planes)) else None
 
 
-def collide(model: mujoco.MjModel, data: mujoco.MjData, standing: tuple[np.ndarray, np.ndarray] | None = None) -> None:
+def collide(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders | None = None) -> None:
     """Run MuJoCo's collision detection at the current frames (`update_positions`); replaces data.contact.
 
-    With the result of `standing_cylinders`, the contacts of cylinders that stand on planes are corrected.
+    With the result of `cylinders_of`, the contacts of cylinders that stand on planes or side by side are corrected.
     """
-    if standing is None or not _can_meet(model, *standing):
+    if cylinders is None:
         _find_contacts(model, data)
         return
     # compiled code, which reading other scenes should not load
     from impactlaw.scene.corrected.rounding import align, measure_again
+    from impactlaw.scene.corrected.side_by_side import put_in_between
 
     frames = data.geom_xmat.copy()
     try:
-        align(*standing, data.geom_xmat)  # so that MuJoCo finds the contacts of cylinders that stand upright
+        align(cylinders.planes, cylinders.cylinders, data.geom_xmat)  # so that MuJoCo finds contacts of upright ones
         _find_contacts(model, data)
     finally:
         data.geom_xmat[:] = frames
     if data.ncon:
-        found, places = data.contact, (data.geom_xpos, data.geom_xmat)
-        measure_again(model.geom_type, model.geom_size, *places, found.geom, found.dist, found.pos, found.frame)
+        found, shapes = data.contact, (model.geom_type, model.geom_size, data.geom_xpos, data.geom_xmat)
+        measure_again(*shapes, found.geom, found.dist, found.pos, found.frame)
+        if cylinders.beside:
+            bodies = model.body_invweight0, data.subtree_com, model.geom_bodyid, model.body_weldid
+            put_in_between(shapes, *bodies, found.geom, found.pos, found.frame)
 
 
 def _find_contacts(model: mujoco.MjModel, data: mujoco.MjData) -> None:

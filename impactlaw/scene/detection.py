@@ -11,12 +11,12 @@ import numpy as np
 from impactlaw.scene.contacts import (
     Contacts,
     collide,
+    cylinders_of,
     forget_rows,
     gap_gradients,
     geom_names,
     make_rows,
     some_short,
-    standing_cylinders,
 )
 from impactlaw.scene.equality_constraints import bilateral_constraints, bilateral_rows, stiffness
 from impactlaw.scene.joint_limits import LimitRows, Limits
@@ -77,7 +77,7 @@ class Detector:
         self._model = model
         self.names = geom_names(model)
         self.limits = Limits(model)
-        self._standing = standing_cylinders(model)
+        self._cylinders = cylinders_of(model)
         self._bilateral = bilateral_constraints(model)
         self._has_bilateral = bool(self._bilateral.any())
         self._has_limits, self._limits_of_rows = bool(self.limits), self.limits.of_rows
@@ -191,7 +191,7 @@ class Detector:
         return gaps[0] <= min(distances) and max(distances) <= gaps[1]
 
     def _collide(self, data: mujoco.MjData) -> None:
-        collide(self._model, data, self._standing)
+        collide(self._model, data, self._cylinders)
 
     def _read(self, data: mujoco.MjData) -> tuple[Pattern, Contacts]:
         found = data.contact

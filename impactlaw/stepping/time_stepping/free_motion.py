@@ -163,7 +163,8 @@ def _mend_contacts(model: mujoco.MjModel, data: mujoco.MjData, *, mended: bool) 
     found, bodies = data.contact, (model.geom_bodyid, model.body_weldid, model.body_treeid)
     shapes, at = (model.geom_type, model.geom_size, data.geom_xpos, data.geom_xmat), (model._address, data._address)
     contacts = found.dist, found.pos, found.frame, found.geom
-    if data.ncon and mend_contacts(contacts, found.dim, bodies, shapes, model.geom_margin, at):
+    inertia = model.body_invweight0, data.subtree_com
+    if data.ncon and mend_contacts(contacts, found.dim, bodies, inertia, shapes, model.geom_margin, at):
         mended = True
     if mended:
         mujoco.mj_makeConstraint(model, data)

@@ -265,7 +265,9 @@ def _mend_contacts(w):
     if number(w, DATA.ncon) == 0:
         return False
     dim, margin = contact_ints(w, CONTACT.dim, 1)[:, 0], model_floats(w, MODEL.geom_margin, size(w, MODEL.ngeom))
-    return mend(contacts_of(w), dim, bodies_of(w), shapes_of(w), margin, (w.model, w.data))
+    n = size(w, MODEL.nbody)
+    inertia = model_floats(w, MODEL.body_invweight0, (n, 2)), data_floats(w, DATA.subtree_com, (n, 3))
+    return mend(contacts_of(w), dim, bodies_of(w), inertia, shapes_of(w), margin, (w.model, w.data))
 
 
 @plain

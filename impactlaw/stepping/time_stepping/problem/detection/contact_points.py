@@ -10,7 +10,8 @@ push each other apart with all the available friction. Only with all points in o
 and stick at all of them.
 
 Of the corners that two faces share, MuJoCo keeps four which span a large area, and cylinders have corners, too. The
-nearest point of two geoms may therefore be missing. It then replaces one of their contacts.
+nearest point of two geoms may therefore be missing. It then replaces one of their contacts. Cylinders that touch along
+a line have one point of that line (`scene.corrected.side_by_side`).
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import numpy as np
 
 from impactlaw.compiled import for_python
 from impactlaw.scene.corrected.rounding import make_orthogonal
+from impactlaw.scene.corrected.side_by_side import put_between
 from impactlaw.scene.tolerances import APART
 from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain
 from impactlaw.stepping.compiled import libmujoco as mj
@@ -225,19 +227,21 @@ def find_nearest(model: mujoco.MjModel, data: mujoco.MjData) -> bool:
 
 
 @kernel
-def mend(contacts, dim, bodies, shapes, margin, at):
+def mend(contacts, dim, bodies, inertia, shapes, margin, at):
     """Correct contacts; return whether anything was changed.
 
     Args:
         contacts: gaps, points, frames and geoms of contacts, see `add_nearest`; written.
         dim: MuJoCo's condim of contacts, (ncon,).
         bodies: MuJoCo's geom_bodyid, body_weldid and body_treeid.
+        inertia: MuJoCo's body_invweight0 and subtree_com.
         shapes: MuJoCo's geom_type, geom_size, geom_xpos and geom_xmat.
         margin: see `add_nearest`, like the next one.
         at: addresses.
     """
     (dist, pos, frame, geom), (body_of_geom, weld, tree) = contacts, bodies
     nearer = add_nearest(dist, pos, frame, geom, shapes[0], margin, at)
+    nearer = put_between(shapes, inertia[0], inertia[1], body_of_geom, weld, geom, pos, frame) or nearer
     turned = make_orthogonal(frame) or nearer
     turned = hide_edges(dist, pos, frame, geom, body_of_geom, weld, tree, shapes, at) or turned
     moved = put_on_bodies(dist, pos, frame, dim, geom, body_of_geom, weld, tree)
