@@ -8,10 +8,9 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from impactlaw.scene.collide import collide, cylinders_of
 from impactlaw.scene.contacts import (
     Contacts,
-    collide,
-    cylinders_of,
     forget_rows,
     gap_gradients,
     geom_names,
