@@ -35,7 +35,7 @@ def collide(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders | N
 
     With the result of `cylinders_of`, the contacts of cylinders that stand on planes or side by side are corrected.
     """
-    if cylinders is None:
+    if cylinders is None or not _can_meet(model, cylinders):
         _find_contacts(model, data)
         return
     # compiled code, which reading other scenes should not load
@@ -54,6 +54,13 @@ def collide(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders | N
         if cylinders.beside:
             bodies = model.body_invweight0, data.subtree_com, model.geom_bodyid, model.body_weldid
             put_in_between(shapes, *bodies, found.geom, found.pos, found.frame)
+
+
+def _can_meet(model: mujoco.MjModel, geoms: Cylinders) -> bool:
+    """Return whether such contacts are possible now; those of pictures have no contacts."""
+    masks = model.geom_contype | model.geom_conaffinity
+    some = np.count_nonzero(masks[geoms.cylinders]) > 0
+    return model.npair > 0 or (some and (geoms.beside or np.count_nonzero(masks[geoms.planes]) > 0))
 
 
 def _find_contacts(model: mujoco.MjModel, data: mujoco.MjData) -> None:

@@ -26,6 +26,11 @@ _WEAK = 1e-9  # m/s^2: gravity along the plane up to which it has no direction
 _REST = np.empty((0, 6))
 
 
+def has_standing(model: mujoco.MjModel) -> bool:
+    """Return whether cylinders can stand on planes in a scene."""
+    return bool((model.geom_type == PLANE).any() and (model.geom_type == CYLINDER).any())
+
+
 @plain
 def _without(to, turn, axis, least):
     """Remove the part of a vector along the axis of a geom, and scale it to 1; return whether it is longer than least.

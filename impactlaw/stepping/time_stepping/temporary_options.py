@@ -5,8 +5,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.scene.contacts import standing_cylinders
 from impactlaw.stepping.integration import NO_DAMPING, damps
+from impactlaw.stepping.time_stepping.standing_cylinders import has_standing
 
 EULER, RK4 = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtIntegrator.mjINT_RK4)
 _BODY = int(mujoco.mjtTrn.mjTRN_BODY)
@@ -39,7 +39,7 @@ class TemporaryOptions:
         self.sticks = bool(model.flg_adhesion or (model.nu and (model.actuator_trntype == _BODY).any()))
         if self.sticks:  # bodies stick across the gap
             self._gaps = []
-        self.stands = standing_cylinders(model) is not None
+        self.stands = has_standing(model)
         self.cone = model.opt.cone
         self.damped = False
         self.integrator = mujoco.mj_Euler
