@@ -59,8 +59,8 @@ def collide(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders | N
 def _can_meet(model: mujoco.MjModel, geoms: Cylinders) -> bool:
     """Return whether such contacts are possible now; those of pictures have no contacts."""
     masks = model.geom_contype | model.geom_conaffinity
-    some = np.count_nonzero(masks[geoms.cylinders]) > 0
-    return model.npair > 0 or (some and (geoms.beside or np.count_nonzero(masks[geoms.planes]) > 0))
+    others = geoms.beside or bool(np.count_nonzero(masks[geoms.planes]))
+    return model.npair > 0 or (others and bool(np.count_nonzero(masks[geoms.cylinders])))
 
 
 def _find_contacts(model: mujoco.MjModel, data: mujoco.MjData) -> None:
