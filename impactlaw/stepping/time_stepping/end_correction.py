@@ -29,6 +29,8 @@ SLOP = 1e-8
 """Depth, m or rad, that is left uncorrected."""
 BEYOND = 4.0
 """Range, as a multiple of the depth, within which opening some contacts can close others."""
+CLOSE = 1e-5
+"""Least range of this search, m: within less, MuJoCo finds hulls that just touch centimeters deep in each other."""
 _FIELD, _SPHERE, _SDF = (int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("HFIELD", "SPHERE", "SDF"))
 ROUNDS = 3
 """Largest number of corrections in a step: where a contact jumps, one does not open all of an overlap."""
@@ -271,7 +273,7 @@ class EndCorrection:
     def _shift(self, data: mujoco.MjData, rows: Rows, depth: float, slow: float, metric: Inertia) -> np.ndarray | None:
         """Return the velocity, (nv,), that opens the overlaps of data within one timestep; None if there are none."""
         model, h = self._model, self._model.opt.timestep
-        self._options.tighten_margins(BEYOND * depth)
+        self._options.tighten_margins(max(BEYOND * depth, CLOSE))
         now, nothing = self._look(data), np.zeros(model.nv)
         if not np.any(now.contact.dist < -SLOP):
             return None

@@ -58,6 +58,7 @@ from impactlaw.stepping.time_stepping.compiled.state.surfaces import surface_spe
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World, metric_of, setting
 from impactlaw.stepping.time_stepping.end_correction import (
     BEYOND,
+    CLOSE,
     LAST_LOSS,
     LITTLE,
     ROUNDS,
@@ -236,7 +237,7 @@ def _opens(w, rows, depth, slow):
     """Open overlaps of some depth; return whether there are any."""
     put_int(w.model + offset(w, MODEL.opt_cone), np.int32(_ELLIPTIC))
     if setting(w, SETTING.sticks) == 0.0:
-        limit_margins(w, BEYOND * depth)
+        limit_margins(w, max(BEYOND * depth, CLOSE))
     widen_limits(w, BEYOND * depth)
     now = World(
         w.model, w.scratch, w.scratch, w.table, w.settings, w.sizes, w.bilateral, w.nv, w.timestep, w.damped, 0, 0
