@@ -22,7 +22,7 @@ from impactlaw.stepping.time_stepping.margins import find_outrun, find_sizes, se
 from impactlaw.stepping.time_stepping.problem.detection.contact_points import mend_contacts
 from impactlaw.stepping.time_stepping.problem.forces import without_far_limits
 from impactlaw.stepping.time_stepping.standing_cylinders import find_standing
-from impactlaw.stepping.time_stepping.temporary_options import TemporaryOptions
+from impactlaw.stepping.time_stepping.temporary_options import EXACT, TemporaryOptions
 from impactlaw.stepping.time_stepping.tolerances import SHARES
 
 _FULL = [int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)]
@@ -168,6 +168,8 @@ def _mend_contacts(model: mujoco.MjModel, data: mujoco.MjData, *, mended: bool) 
         mended = True
     if mended:
         mujoco.mj_makeConstraint(model, data)
+        if model.opt.enableflags & EXACT:
+            mujoco.mj_projectConstraint(model, data)
 
 
 def free_step(

@@ -13,6 +13,7 @@ _BODY = int(mujoco.mjtTrn.mjTRN_BODY)
 FAST = int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
 OFF = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET) | int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
 ON = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE) | int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+EXACT = int(mujoco.mjtEnableBit.mjENBL_DIAGEXACT)
 ELLIPTIC, NEWTON = int(mujoco.mjtCone.mjCONE_ELLIPTIC), int(mujoco.mjtSolver.mjSOL_NEWTON)
 _MARGINS = ("body_margin", "geom_margin", "geom_gap", "pair_margin", "pair_gap", "jnt_margin", "tendon_margin")
 

@@ -47,6 +47,7 @@ from impactlaw.stepping.time_stepping.compiled.state.surfaces import (
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.margins import ALWAYS, outruns, write_arms, write_margins, write_sizes
 from impactlaw.stepping.time_stepping.problem.detection.contact_points import mend
+from impactlaw.stepping.time_stepping.temporary_options import EXACT
 from impactlaw.stepping.time_stepping.tolerances import SHARES
 
 _EULER, _CONSTRAINT = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
@@ -193,7 +194,7 @@ def detect_limits(w, start, free, middle):
     mj.com_vel(w.model, w.data)  # constraint targets depend on it, and `settle` has left that of another velocity
     widen_limits(w, ALWAYS)
     seen = warnings[2 * _ROWS_FULL + 1]
-    mj.make_constraint(w.model, w.data)
+    _make_rows(w)
     mj.reference_constraint(w.model, w.data)
     put(qvel, free)
     return warnings[2 * _ROWS_FULL + 1] != seen
@@ -256,7 +257,15 @@ def _find(w):
     put_int(at, flags)
     mended = find_standing(w, twice)
     if _mend_contacts(w) or mended or not twice:
-        mj.make_constraint(w.model, w.data)
+        _make_rows(w)
+
+
+@plain
+def _make_rows(w):
+    """Make the rows of constraints, with exact diagonals of ``J M^-1 J^T`` if the user has chosen them."""
+    mj.make_constraint(w.model, w.data)
+    if option(w, MODEL.opt_enableflags) & EXACT:
+        mj.project_constraint(w.model, w.data)
 
 
 @plain

@@ -8,7 +8,7 @@ import pytest
 from scenes import compiled, run
 from stepping.time_stepping.stepped import FLOOR, first_impact, stepping
 
-from impactlaw import Moreau, Newton
+from impactlaw import Moreau, Newton, Stepper
 
 G = 9.81
 MASSES = """<body pos="0 0 1.1"><joint name="down" type="slide" axis="0 0 1"/>
@@ -88,3 +88,22 @@ def test_a_screw_that_slips_a_little_bounces_with_its_spin(pitch, compiled_steps
     assert abs(before[0] - pitch * before[1]) > -0.01 * before[0]
     assert data.qvel[0] == pytest.approx(-0.5 * before[0], abs=1e-9)
     assert pitch * data.qvel[1] == pytest.approx(data.qvel[0], abs=-0.05 * before[0])
+
+
+@pytest.mark.parametrize("how", ["auto", "never"])
+@pytest.mark.parametrize("diagonal", ["enable", "disable"])
+def test_a_soft_constraint_is_as_soft_as_in_mujoco(diagonal, how):
+    """MuJoCo scales softness by the diagonal of J M^-1 J^T, which is approximate unless the flag makes it exact."""
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option timestep=".001"><flag diagexact="{diagonal}"/></option><worldbody>{FLOOR}
+        <body pos="0 0 2"><joint name="a" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 .5 0 0" size=".02"/>
+          <body pos=".5 0 0"><joint name="b" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 .5 0 0" size=".04"/>
+        </body></body></worldbody>
+        <equality><joint joint1="a" joint2="b" solref=".1 1" solimp=".5 .5 .1"/></equality></mujoco>"""
+    )
+    data, expected = mujoco.MjData(model), mujoco.MjData(model)
+    stepper = Stepper(model, Moreau(0.0), scheme="time-stepping", compiled=how)
+    for _ in range(100):
+        stepper.step(data)
+        mujoco.mj_step(model, expected)
+    assert data.qvel == pytest.approx(expected.qvel, abs=1e-4)
