@@ -15,6 +15,7 @@ from impactlaw.scene.tolerances import NO_LEVER, ON_AXIS, OUT_OF_REACH, SHORT
 
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 _FIELD = int(mujoco.mjtGeom.mjGEOM_HFIELD)
+_EULER, _DISCRETE = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtIntegrator.mjINT_DISCRETE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,6 +215,18 @@ def _read(data: mujoco.MjData, index: np.ndarray, names: tuple[str, ...]) -> Con
     return Contacts(contact_labels(geoms, names), geoms, found.dist[index], found.pos[index], normal)
 
 
+def _make_constraints(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Make constraint rows as for Euler: for the integrator "discrete", MuJoCo makes no ``efc_D`` at this stage."""
+    integrator = model.opt.integrator
+    try:
+        if integrator == _DISCRETE:
+            model.opt.integrator = _EULER
+        mujoco.mj_makeConstraint(model, data)
+    finally:
+        if integrator == _DISCRETE:
+            model.opt.integrator = integrator
+
+
 def make_rows(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray | None:
     """Make constraint rows and return the gap gradients of data.contact, in its order, (h, nv).
 
@@ -221,12 +234,12 @@ def make_rows(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray | None:
     be on, and the Jacobian must be dense (`BorrowedOptions`). Call `forget_rows` afterwards.
     """
     contact, h = data.contact, data.ncon
-    mujoco.mj_makeConstraint(model, data)
+    _make_constraints(model, data)
     if data.nefc != data.ne + data.nl + h:
         dim = contact.dim.copy()
         contact.dim[:] = 1  # a frictionless contact has one row
         contact.exclude[:] = 0  # include contacts within a detection gap
-        mujoco.mj_makeConstraint(model, data)
+        _make_constraints(model, data)
         contact.dim[:] = dim
     if h == 0:
         return np.zeros((0, model.nv))
