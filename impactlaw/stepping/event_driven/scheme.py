@@ -44,7 +44,7 @@ from impactlaw.stepping.event_driven.last_step import LastStep
 from impactlaw.stepping.event_driven.overlap import clearance, overlaps, push_out, refuse
 from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
 from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
-from impactlaw.stepping.impact_event import ImpactEvent, LazyEvents
+from impactlaw.stepping.impact_event import ImpactEvent, LazyEvents, together
 from impactlaw.stepping.integration import check_input, empty_state, has_room
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.work import Work
@@ -167,7 +167,7 @@ class RigidStepping:
             self._surfaces.end(data)
         self.unlocated += 1
         self._last.end_otherwise()
-        return (lambda: (*known, *more())) if callable(more) else known
+        return together([known, more]) if callable(more) else known
 
     def _open(self) -> None:
         """Open the slight overlaps that time stepping has left; it opens the others over time."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import pickle
 import warnings
 
 import mujoco
@@ -254,3 +255,23 @@ def test_a_quadruped_that_has_come_to_rest_is_event_driven_again():
         unlocated.append(stepper.unlocated)
     assert unlocated[300] > 0  # some steps are time stepped
     assert unlocated[450] == unlocated[-1]
+
+
+def test_a_stepper_is_pickled_after_a_step_that_time_stepping_finished():
+    balls = "".join(
+        f'<body pos="{k} 0 {0.103 + 0.002 * k}"><joint type="slide" axis="0 0 1"/><geom size=".1"/></body>'
+        for k in range(3)
+    )
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><worldbody><geom type="plane" size="5 5 1"/>{balls}</worldbody></mujoco>'
+    )
+    data = mujoco.MjData(model)
+    data.qvel[:] = -4.0
+    stepper = Stepper(model, Moreau(0.9), max_events=1)
+    with pytest.warns(ManyCollisionsWarning):
+        stepper.step(data)
+    copied = pickle.loads(pickle.dumps(stepper))
+    assert stepper.unlocated == 1
+    assert len(copied.events) == len(stepper.events) > 0
+    for own, other in zip(stepper.events, copied.events, strict=True):
+        np.testing.assert_array_equal(own.impact.post_velocity, other.impact.post_velocity)
