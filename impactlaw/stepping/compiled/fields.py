@@ -15,7 +15,8 @@ carray: Any = cast(Any, numba).carray
 
 _Data = namedtuple(
     "_Data",
-    "time nefc ncon ne nf nl nJ maxuse_efc pstack pbase warning flg_subtreevel flg_rnepost qpos qvel eq_active "
+    "time nefc ncon ne nf nl nJ maxuse_efc pstack pbase warning flg_subtreevel flg_rnepost flg_energypos "
+    "flg_energyvel qpos qvel eq_active "
     "mocap_pos mocap_quat qacc act_dot qacc_smooth qacc_warmstart qfrc_applied qfrc_constraint qfrc_smooth qfrc_bias "
     "cvel cdof_dot xipos subtree_com geom_xpos geom_xmat M qLD qLDiagInv qH qHDiagInv contact efc_type efc_id efc_pos "
     "efc_margin efc_KBIP efc_vel efc_aref efc_R efc_frictionloss efc_force efc_J efc_J_rownnz efc_J_rowadr "

@@ -123,6 +123,7 @@ def to_midpoint(
     overflown = _find_contacts(model, data, options, surfaces)
     if model.nsensordata:
         data.flg_subtreevel = data.flg_rnepost = False  # otherwise MuJoCo would reuse results of the last step
+        data.flg_energypos = data.flg_energyvel = False
         without_far_limits(mujoco.mj_sensorPos, model, data)
     mj_fwdVelocity(model, data)
     if model.nsensordata:

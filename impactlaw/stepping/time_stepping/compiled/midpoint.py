@@ -213,7 +213,8 @@ def _to_midpoint(w, start, margins, middle):
     put(middle, qpos)
     full = _find_contacts(w, margins)
     if sensors:
-        for field in (DATA.flg_subtreevel, DATA.flg_rnepost):  # otherwise MuJoCo would reuse results of the last step
+        # otherwise MuJoCo would reuse results of the last step
+        for field in (DATA.flg_subtreevel, DATA.flg_rnepost, DATA.flg_energypos, DATA.flg_energyvel):
             flags(w.data + offset(w, field), 1)[0] = 0
         hide_far_limits(w)
         mj.sensor_pos(w.model, w.data)

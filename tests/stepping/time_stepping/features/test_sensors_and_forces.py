@@ -8,7 +8,7 @@ import pytest
 from scenes import compiled, energy, run
 from stepping.time_stepping.stepped import FLOOR, stepping
 
-from impactlaw import Moreau
+from impactlaw import Moreau, Stepper
 
 G = 9.81
 
@@ -179,6 +179,27 @@ def test_the_energy_flag_is_respected():
     for _ in range(300):
         stepper.step(data)
         assert data.energy == pytest.approx([G * (data.qpos[0] + 1.1), 0.5 * data.qvel[0] ** 2], abs=1e-9)
+
+
+@pytest.mark.parametrize("how", ["auto", "never"])
+def test_sensors_of_energy_are_of_the_middle_of_the_step(how):
+    """Also where the energy was computed before, by the flag or by `mj_forward`."""
+    link = '<body pos="{}"><joint axis="0 1 0"/><geom type="capsule" fromto="0 0 0 .5 0 0" size=".02"/>'
+    pendulum = f"{link.format('0 0 2')}{link.format('.5 0 0')}</body></body>"
+    model, data = compiled(FLOOR + pendulum, "<sensor><e_potential/><e_kinetic/></sensor>", option='timestep=".01"')
+    seen = {}
+    for enabled in (False, True):
+        model.opt.enableflags = int(mujoco.mjtEnableBit.mjENBL_ENERGY) * enabled
+        data, sensed = mujoco.MjData(model), []
+        stepper = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=how)
+        data.qvel[:] = 1.0, -2.0
+        for _ in range(4):
+            mujoco.mj_forward(model, data)
+            stepper.step(data)
+            sensed.append(data.sensordata.copy())
+        seen[enabled] = np.array(sensed)
+    assert np.ptp(seen[False], axis=0).min() > 0.01
+    assert seen[True] == pytest.approx(seen[False], abs=1e-12)
 
 
 def test_frames_are_current_after_a_step():
