@@ -114,7 +114,7 @@ class Collision:
 
         Raises:
             SceneError: a contact is not between two geoms (a flex); or data belongs to another model.
-            InvalidCollisionError: the state is not finite.
+            InvalidCollisionError: the state is not finite, or the model has no degrees of freedom.
             OptionError: friction is not True or False.
         """
         from impactlaw.scene.read import read_closed

@@ -46,10 +46,12 @@ def read_closed(
 
     Raises:
         SceneError: a contact is not between two geoms (a flex); or data belongs to another model.
-        InvalidCollisionError: a position is not finite.
+        InvalidCollisionError: a position is not finite, or the model has no degrees of freedom.
         OptionError: friction is not True or False.
     """
     _check_state(model, data)
+    if model.nv == 0:
+        raise InvalidCollisionError("the model has no degrees of freedom: no velocity can change in a collision")
     if not isinstance(friction, bool | np.bool_):
         raise OptionError(f"friction is True or False: whether to read the friction of contacts; got {friction!r}")
     if not _finite(data):  # MuJoCo would leave out the contacts of such bodies

@@ -120,3 +120,9 @@ def test_a_cylinder_that_may_touch_the_plane_only_later_is_measured_exactly_then
     contacts = detector.near(data, 0.01).contacts
     assert len(contacts) == 3
     assert contacts.gap.min() == pytest.approx(-0.1 * np.sin(tilt), abs=1e-12)
+
+
+def test_a_model_without_degrees_of_freedom_is_refused():
+    model = mujoco.MjModel.from_xml_string('<mujoco><worldbody><geom type="plane" size="1 1 1"/></worldbody></mujoco>')
+    with pytest.raises(InvalidCollisionError, match="no degrees of freedom"):
+        Collision.from_mujoco(model, mujoco.MjData(model))
