@@ -12,6 +12,10 @@ IMPULSE_ROUNDING = 8 * EPS  # rounding error of a jump, relative to the sum of i
 JAMMED = 1e-2  # largest allowance for this rounding error, relative to the speed
 TIGHT = 1e-9  # largest slack of a contact that may share the impulse of others
 
+TINY = 1e-290
+"""Scale, sqrt(J), below which a problem is solved for 2^900 times its velocities: numpy and scipy lose digits, and
+scipy's nnls ends the process, where numbers are below the smallest normal double, 2e-308."""
+
 # --- Linear dependence of gradients, scaled to unit length. -----------------------------------------------------------
 RANK = 1e-11  # singular value, relative to the largest, below which a direction counts as absent
 INDEPENDENT = 0.03  # sine of the angle to the span of other gradients: below, G = Y Y^T has lost more than 3 digits
