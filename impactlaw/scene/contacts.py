@@ -30,8 +30,9 @@ class Contacts:
         geoms: geom ids, the lower one first, int (h, 2); -1 for a limit.
         gap: signed distance, m, (h,), less the 1e-6 m at which geoms touch that MuJoCo measures by its general convex
             collider; for a limit the distance from it, m or rad.
-        position: midway between the two surfaces, world frame, m, (h, 3); for a limit the anchor of the joint, zero for
-            a tendon.
+        position: midway between the two surfaces, world frame, m, (h, 3), or on that of a body in contact with one that
+            cannot move (time stepping, soft steps with friction); for a limit the anchor of the joint, zero for a
+            tendon.
         normal: unit vector from the first geom to the second, world frame, (h, 3); for a limit the axis of the joint,
             pointing away from the limit, zero for a tendon.
     """

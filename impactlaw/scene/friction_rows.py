@@ -147,7 +147,8 @@ def active_friction(
     """Return the rows of friction of `contacts.active_contacts`, or None if there are none.
 
     They are taken from MuJoCo's constraint rows; with pyramidal cones they are half of the difference of two rows, over
-    the coefficient. Where MuJoCo's tangents are not in the tangent plane, rows are made for corrected tangents.
+    the coefficient. Where MuJoCo's tangents are not in the tangent plane, rows are made for corrected tangents, and so
+    they are for contacts that have been moved to other positions.
     """
     found, index = data.contact, acted_on(model, data)
     _, _, swapped = sorted_geoms(found.geom[index])
@@ -163,14 +164,14 @@ def active_friction(
     else:
         J = constraint_rows(model, data, address + 1 + kind)
     frame, drift = found.frame[index], np.zeros(len(contact))
-    skew = _straighten(frame)
-    if surfaces is None and not len(skew):
+    skew, moved = _straighten(frame), np.flatnonzero((contacts.position != found.pos[index]).any(axis=1))
+    if surfaces is None and not len(skew) and not len(moved):
         return FrictionRows(J, contact, mu, drift)
     slides = (kind < TORSION)[:, None]
     axis = frame.reshape(-1, 3, 3)[contact, np.where(kind < TORSION, kind + 1, kind - TORSION)]
-    for i in skew.tolist():
-        own, k = contact == i, index[i]
-        slide, turn = _relative(model, data, found.pos[k], tuple(model.geom_bodyid[found.geom[k]]))
+    for i in np.union1d(skew, moved).tolist():
+        own, bodies = contact == i, model.geom_bodyid[found.geom[index[i]]]
+        slide, turn = _relative(model, data, contacts.position[i], tuple(bodies))
         J[own] = np.where(slides[own], axis[own] @ slide, axis[own] @ turn)
     if surfaces is not None:
         drift = surfaces.motion(data, contacts).along(axis, contact, kind)

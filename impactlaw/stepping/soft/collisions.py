@@ -228,6 +228,7 @@ class Collisions:
         contacts, jacobian = self.active(data)
         found = None
         if self.friction and data.ncon:
+            contacts = _on_bodies(self.model, contacts)
             found = active_friction(self.model, data, contacts.select(contacts.geoms[:, 0] >= 0), self.surfaces)
         drift = None if self.surfaces is None else self.surfaces.drift(data, contacts)
         return Closed(contacts, jacobian, None, drift, friction=None if found is None else Friction(*found))
@@ -240,6 +241,17 @@ class Collisions:
             return contacts, jacobian
         limits = self.limits.read(data)
         return contacts.followed_by(self.limits.contacts(data, limits)), np.vstack([jacobian, limits.jacobian])
+
+
+def _on_bodies(model: mujoco.MjModel, contacts: Contacts) -> Contacts:
+    """Put contacts with bodies without degrees of freedom, such as mocap bodies, on the surface of the other body.
+
+    MuJoCo has them in the middle of the overlap, where the lever of friction on a ball is too short. Contacts of two
+    bodies that move stay there: impulses at two different points would change the angular momentum.
+    """
+    still = (model.body_treeid[model.geom_bodyid[contacts.geoms]] < 0).astype(float)  # limits: the same on both sides
+    shift = 0.5 * contacts.gap * (still[:, 0] - still[:, 1])
+    return replace(contacts, position=contacts.position + shift[:, None] * contacts.normal)
 
 
 def _has_lost_restitution(impact: Impact) -> bool:

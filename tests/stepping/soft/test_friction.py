@@ -33,17 +33,71 @@ def first_impact(law, **options):
 @pytest.mark.parametrize("cone", ["pyramidal", "elliptic"])
 @pytest.mark.parametrize("e", [0.0, 0.5])
 def test_a_ball_slides_or_rolls_away(e, cone, compiled_option):
-    """Solid sphere, I = 2/5 m r^2: it loses mu (1 + e) u by sliding, at most 2/7 of its speed, after which it rolls.
-
-    The contact point is in the middle of the overlap, slightly closer to the centre than r.
-    """
+    """Solid sphere, I = 2/5 m r^2: it loses mu (1 + e) u by sliding, at most 2/7 of its speed, after which it rolls."""
     for mu in (0.1, 0.9):
         event = first_event(Moreau(e), mu=mu, cone=cone, compiled=compiled_option)
-        impact, arm, inertia = event.impact, 0.1 + 0.5 * event.contacts.gap[0], 0.4 * 0.1**2
+        impact, arm, inertia = event.impact, 0.1, 0.4 * 0.1**2
         before, after = impact.collision.pre_velocity, impact.post_velocity
         lost = min(mu * (1 + e) * -before[2], before[0] / (1.0 + arm**2 / inertia))
         np.testing.assert_allclose(after[:3], [before[0] - lost, 0.0, -e * before[2]], atol=1e-12)
         np.testing.assert_allclose(after[4] - before[4], lost * arm / inertia, rtol=1e-10)
+
+
+GROUNDS = {
+    "floor": '<geom name="ground" type="plane" size="9 9 1"/>',
+    "racket": '<body mocap="true" pos="0 0 -.1"><geom name="ground" type="box" size="9 9 .1"/></body>',
+}
+SHAPES = {  # with the height of the body on the ground, m
+    "ball": ('size=".02"', 0.02),
+    "lying capsule": ('type="capsule" size=".02 .05" euler="0 90 0"', 0.02),
+    "box on an edge": ('type="box" size=".06 .04 .02" euler="45 0 0"', 0.06 * np.sqrt(0.5)),
+}
+
+
+def first_collision(ground, shape, height, *, mu=0.3, **options):
+    """Return the first collision of a body that falls at 5 m/s from a height, m, and moves along the ground, too."""
+    things = f'{GROUNDS[ground]}<body name="it" pos="0 0 {height}"><freejoint/><geom name="it" {shape}/></body>'
+    option = 'timestep="2e-3" gravity="0 0 0" integrator="Euler"'
+    model, data = compiled(things, option=option, geom=f'friction="{mu}" condim="3" density="1000"')
+    data.qvel[:3] = 3.0, 1.0, -5.0
+    stepper = Stepper(model, Moreau(0.5), **options)
+    while not stepper.events:
+        stepper.step(data)
+    return stepper.events[0]
+
+
+@pytest.mark.parametrize("compiled_option", [None, "never"])
+@pytest.mark.parametrize("ground", GROUNDS)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_depth_does_not_change_what_friction_does(shape, ground, compiled_option):
+    """Bodies that are 9 mm in the ground get the velocity that event-driven steps say, which locate the contact."""
+    geom, lowest = SHAPES[shape]
+    for mu in (0.1, 0.9):
+        located = first_collision(ground, geom, lowest + 1e-3, mu=mu)
+        soft = first_collision(ground, geom, lowest + 1e-3, mu=mu, contact_model="soft", compiled=compiled_option)
+        np.testing.assert_allclose(soft.contacts.position[:, 2], -9e-3, atol=1e-9)
+        np.testing.assert_allclose(soft.impact.post_velocity, located.impact.post_velocity, atol=1e-9)
+
+
+@pytest.mark.parametrize("compiled_option", [None, "never"])
+def test_two_bodies_keep_their_angular_momentum(compiled_option):
+    things = "".join(
+        f'<body name="{name}" pos="0 0 {z}"><freejoint/><geom name="{name}" size=".02"/></body>'
+        for name, z in (("lower", 0.0), ("upper", 0.041))
+    )
+    model, data = compiled(things, option='timestep="2e-3" gravity="0 0 0"', geom='friction=".9"')
+    data.qvel[:] = [1.0, 0.0, 5.0, 0.0, 100.0, 0.0, 0.0, 2.0, 0.0, 0.0, 200.0, 50.0]
+    stepper, momenta = Stepper(model, Moreau(0.5), contact_model="soft", compiled=compiled_option), []
+    while not stepper.events:
+        stepper.step(data)
+    (event,) = stepper.events
+    for velocity in (event.impact.collision.pre_velocity, event.impact.post_velocity):
+        data.qpos[:], data.qvel[:] = event.qpos, velocity
+        mujoco.mj_forward(model, data)
+        mujoco.mj_subtreeVel(model, data)
+        momenta.append(data.subtree_angmom[0].copy())
+    assert event.impact.friction_impulse.any()
+    np.testing.assert_allclose(*momenta, rtol=1e-10)
 
 
 @pytest.mark.parametrize("compiled_option", [None, "never"])

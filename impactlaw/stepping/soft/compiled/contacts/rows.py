@@ -20,7 +20,7 @@ from impactlaw.stepping.compiled.access import (
 )
 from impactlaw.stepping.compiled.fields import CONTACT, MODEL
 from impactlaw.stepping.compiled.whitening import whiten
-from impactlaw.stepping.soft.compiled.contacts.tangents import write_row
+from impactlaw.stepping.soft.compiled.contacts.tangents import shift_to_body, write_row
 
 Array = np.ndarray[Any, Any]
 
@@ -87,13 +87,14 @@ def _fill(w, found, jacobian, reached, root, frictional, mark, work, mixed, rows
             continue
         rows.of[g], rows.first[g] = i, r
         c, row = found.contact[i], found.row[i]
+        shift = shift_to_body(w, c) if frictional and c >= 0 else 0.0
         for d in range(dim[c] if frictional and c >= 0 else 1):
             if d > 0 and not mu[c, d - 1] > NO_FRICTION:
                 continue
-            if d == 0 or is_orthogonal(frame, c):
+            if d == 0 or (shift == 0.0 and is_orthogonal(frame, c)):
                 _mix(found, i, d, 1.0 if d == 0 else mu[c, d - 1], nnz, adr, val, mixed)
             else:
-                write_row(w, c, d, mu[c, d - 1], col[adr[row] : adr[row] + nnz[row]], mixed)
+                write_row(w, c, d, shift, mu[c, d - 1], col[adr[row] : adr[row] + nnz[row]], mixed)
             rows.adr[r] = end
             rows.nnz[r] = whiten(
                 nnz[row], FIRST, col[adr[row] : adr[row] + nnz[row]], mixed, end, work, mark, inertia, root, trees,

@@ -1,6 +1,7 @@
-"""Friction rows of contacts whose tangents in MuJoCo are not orthogonal to the normal, in compiled code.
+"""Friction rows of contacts for which those of MuJoCo are not right in a collision, in compiled code.
 
-See `scene.corrected.rounding`.
+Their tangents are not orthogonal to the normal, see `scene.corrected.rounding`, or their points are in the middle of
+the overlap with something that does not move, and not on the surface of the body.
 """
 
 from __future__ import annotations
@@ -8,35 +9,47 @@ from __future__ import annotations
 import numpy as np
 
 from impactlaw.scene.corrected.rounding import make_orthogonal
-from impactlaw.solvers.cones.algebra.loops import kernel, numbers
+from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain
 from impactlaw.stepping.compiled import libmujoco as mj
-from impactlaw.stepping.compiled.access import contact_floats, contact_ints, model_ints, size
-from impactlaw.stepping.compiled.fields import CONTACT, MODEL, address_of, keep
+from impactlaw.stepping.compiled.access import bodies_of, contact_floats, contact_ints, contacts_of
+from impactlaw.stepping.compiled.fields import CONTACT, address_of, keep
 
 _TORSION = 3  # index of the torsion row; the rows are the normal, two of sliding, one of torsion, two of rolling
 
 
+@plain
+def shift_to_body(w, c):
+    """Return how far contact c is put along its normal, m; see `collisions.Collisions.closed`."""
+    (gap, _, _, geom), (body, _, tree) = contacts_of(w), bodies_of(w)
+    still, other_still = tree[body[geom[c, 0]]] < 0, tree[body[geom[c, 1]]] < 0
+    return 0.5 * gap[c] * (np.float64(still) - np.float64(other_still))
+
+
 @kernel
-def write_row(w, c, d, mu, col, row):
+def write_row(w, c, d, shift, mu, col, row):
     """Write a friction row, times its coefficient, along an axis of an orthogonal contact frame.
 
     Args:
         w: the world.
         c: the contact.
         d: index of the row in the contact.
+        shift: how far the contact is put along its normal, m.
         mu: the coefficient of friction.
         col: degrees of freedom of the rows, (k,).
         row: the entries, (k,) or more, written.
     """
-    frame, point, body = numbers(9).reshape((1, 9)), numbers(3), model_ints(w, MODEL.geom_bodyid, size(w, MODEL.ngeom))
+    frame, point, (body, _, tree) = numbers(9).reshape((1, 9)), numbers(3), bodies_of(w)
     frame[0] = contact_floats(w, CONTACT.frame, 9)[c]
-    point[:] = contact_floats(w, CONTACT.pos, 3)[c]
+    for i in range(3):
+        point[i] = contact_floats(w, CONTACT.pos, 3)[c, i] + shift * frame[0, i]
     make_orthogonal(frame)
     slides, null, moves = d < _TORSION, np.int64(0), numbers(3 * w.nv)
     at, axis = address_of(moves), 3 * (d if slides else d - _TORSION)
     row[: len(col)] = 0.0
     for side, sign in ((0, -mu), (1, mu)):
         part = body[contact_ints(w, CONTACT.geom, 2)[c, side]]
+        if tree[part] < 0:
+            continue
         mj.jac(w.model, w.data, at if slides else null, null if slides else at, address_of(point), part)
         for a in range(len(col)):
             for i in range(3):
