@@ -83,7 +83,8 @@ def solve_with_jump(problem: Problem, labels: tuple[str, ...], *, solver: str = 
     if problem.speed < TINY and problem.scale < TINY:
         up, d = 2.0**900, problem.preimage
         larger = Problem(problem.gradients, up * c, None if d is None else up * d, up * problem.speed)
-        return Answer(*(part / up for part in solve_with_jump(larger, labels, solver=solver, shared=shared)))
+        impulse, jump, slack, residual = solve_with_jump(larger, labels, solver=solver, shared=shared)
+        return Answer(impulse / up, jump / up, slack / up, residual / up)
     try:
         with nullcontext() if len(c) < _MANY else one_thread():
             return _solve(problem, labels, solver, shared=shared)
