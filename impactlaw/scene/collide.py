@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 from impactlaw.errors import SceneError
+from impactlaw.scene.pairs import some_side_by_side
 
 _FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL)
-_PLANE, _CYLINDER, _CAPSULE = (
-    int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("PLANE", "CYLINDER", "CAPSULE")
-)
+_PLANE, _CYLINDER = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
 
 
 class Cylinders(NamedTuple):
@@ -25,8 +26,8 @@ class Cylinders(NamedTuple):
 
 def cylinders_of(model: mujoco.MjModel) -> Cylinders | None:
     """Return the planes and cylinders of a scene; None if it has no cylinders that stand or touch side by side."""
-    planes, cylinders, capsules = (np.flatnonzero(model.geom_type == kind) for kind in (_PLANE, _CYLINDER, _CAPSULE))
-    beside = len(cylinders) + len(capsules) > 1
+    planes, cylinders = (np.flatnonzero(model.geom_type == kind) for kind in (_PLANE, _CYLINDER))
+    beside = some_side_by_side(model)
     return Cylinders(planes, cylinders, beside) if len(cylinders) and (beside or len(planes)) else None
 
 
@@ -40,7 +41,7 @@ def collide(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders | N
         return
     # compiled code, which reading other scenes should not load
     from impactlaw.scene.corrected.rounding import align, measure_again
-    from impactlaw.scene.corrected.side_by_side import put_in_between
+    from impactlaw.scene.corrected.side_by_side import END, find_ends_of_lines
 
     frames = data.geom_xmat.copy()
     try:
@@ -52,8 +53,18 @@ def collide(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders | N
         found, shapes = data.contact, (model.geom_type, model.geom_size, data.geom_xpos, data.geom_xmat)
         measure_again(*shapes, found.geom, found.dist, found.pos, found.frame)
         if cylinders.beside:
-            bodies = model.body_invweight0, data.subtree_com, model.geom_bodyid, model.body_weldid
-            put_in_between(shapes, *bodies, found.geom, found.pos, found.frame)
+            first = np.empty((data.ncon + 1, END))
+            find_ends_of_lines(shapes, found.geom, found.includemargin, found.dist, found.pos, found.frame, first)
+            _add(model, data, first)
+
+
+def _add(model: mujoco.MjModel, data: mujoco.MjData, ends: np.ndarray) -> None:
+    """Add contacts at further ends of lines; see `side_by_side.find_ends`."""
+    for k in np.flatnonzero(np.isfinite(ends[:-1, 0])):
+        with _enough_room(data):
+            mujoco.mj_addContact(model, data, data.contact[k])
+        added = data.contact[data.ncon - 1]
+        added.dist, added.pos, added.frame = ends[k, 0], ends[k, 1:4], ends[k, 4:]
 
 
 def _can_meet(model: mujoco.MjModel, geoms: Cylinders) -> bool:
@@ -64,9 +75,16 @@ def _can_meet(model: mujoco.MjModel, geoms: Cylinders) -> bool:
 
 
 def _find_contacts(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    with _enough_room(data):
+        mujoco.mj_collision(model, data)
+
+
+@contextmanager
+def _enough_room(data: mujoco.MjData) -> Iterator[None]:
+    """Raise `SceneError` if MuJoCo has no room for the contacts that are found meanwhile."""
     numbers = data.warning.number
     before = numbers[_FULL]
-    mujoco.mj_collision(model, data)
+    yield
     if numbers[_FULL] != before:
         raise SceneError(
             f'MuJoCo has no room for more than {data.ncon} contacts; give the scene a larger <size memory="..."/>'

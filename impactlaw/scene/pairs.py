@@ -66,6 +66,7 @@ def _kinds(*names: str) -> np.ndarray:
 _PLANE = _kinds("PLANE")
 _THREAD = _kinds("SPHERE", "CAPSULE")  # half-extent is the radius
 _CYLINDER = _kinds("CYLINDER")
+_ROD = _kinds("CYLINDER", "CAPSULE")
 _BOX = _kinds("BOX")
 _SPHERE = _kinds("SPHERE")
 _ROUND = _kinds("SPHERE", "ELLIPSOID")
@@ -104,3 +105,11 @@ def several_contacts(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
     """Return the pairs of geoms for which MuJoCo looks for several contacts between faces (``multiccd``), bool (n,)."""
     kind = model.geom_type[geoms]
     return np.logical_and(np.all(_FACED[kind], axis=1), np.any(_MANIFOLD[kind], axis=1))
+
+
+def some_side_by_side(model: mujoco.MjModel) -> bool:
+    """Return whether a scene has two cylinders, or a cylinder and a capsule, that can touch each other's side."""
+    if not _CYLINDER[model.geom_type].any() or np.count_nonzero(_ROD[model.geom_type]) < 2:
+        return False
+    kind = model.geom_type[geom_pairs(model).geoms]
+    return bool((np.all(_ROD[kind], axis=1) & np.any(_CYLINDER[kind], axis=1)).any())

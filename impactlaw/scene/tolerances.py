@@ -17,8 +17,14 @@ ORTHOGONAL = 1e-12  # scalar product of unit vectors up to which they are orthog
 UPRIGHT = 1e-10  # sine of the tilt up to which a cylinder on a plane has an axis along the normal
 STANDS = 1.0 - 1e-6  # cosine of the tilt up to which its distance is measured again; MuJoCo measures larger tilts well
 ROUNDED = 1e-13  # m: largest error of a distance that is left as it is
-SIDE_BY_SIDE = 1e-6  # sine of the angle between the axes of two cylinders up to which they touch along a line
-SIDE = 1e-2  # cosine of the angle between axis and normal up to which a cylinder is touched at its side
+SIDE_BY_SIDE = 5e-2  # tangent of the angle between the axes of two cylinders up to which they touch along a line
+CROSSED = 1e-2
+"""Distance by which one axis passes beside the other at the ends of that line, relative to the sum of the radii, at
+most: cylinders that cross at an angle touch along a shorter line.
+"""
+CROSSES = 0.5  # cosine of the angle between axes from which MuJoCo does not measure crossing cylinders well
+SHORT_LINE = 1e-2  # length of that line, relative to the sum of the radii, up to which it is a point
+SUNK_IN = 0.5  # distance of the axes, relative to the sum of the radii, up to which cylinders are not side by side
 TOUCHING = 1e-6  # m: gap up to which a contact can hide others behind its plane
 FLUSH = 2e-6  # m: distance from that plane up to which geoms do not cross it
 SUNK = 1.25  # depth of a tilted body, relative to that of its contact points, up to which it has sunk no deeper

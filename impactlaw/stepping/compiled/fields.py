@@ -29,7 +29,6 @@ _Model = namedtuple(
     "nq nv na nu nbody njnt ngeom npair nflex ntendon ntree neq nmocap nC nplugin nhistory nsensordata flg_adhesion "
     "actuator_trntype body_margin geom_margin geom_gap pair_margin pair_gap jnt_margin tendon_margin geom_bodyid "
     "geom_type geom_pos geom_rbound geom_size geom_aabb body_ipos body_pos body_parentid body_dofadr body_dofnum "
-    "body_invweight0 "
     "body_rootid body_treeid body_weldid body_mocapid M_rownnz M_rowadr M_colind dof_treeid dof_bodyid dof_M0 "
     "dof_invweight0 dof_simplenum body_subtreemass tree_dofadr tree_dofnum dof_damping dof_dampingpoly jnt_actuatorid "
     "jnt_type jnt_limited jnt_qposadr jnt_dofadr jnt_range opt_timestep opt_gravity opt_integrator opt_cone opt_solver "
@@ -37,7 +36,7 @@ _Model = namedtuple(
 )
 """Indices of fields of mjModel in the table of offsets; opt_ and stat_ are fields of mjOption and mjStatistic."""
 
-_Contact = namedtuple("_Contact", "dist pos frame dim geom friction exclude efc_address")
+_Contact = namedtuple("_Contact", "dist pos frame includemargin dim geom friction exclude efc_address")
 """Indices of fields of mjContact in the table of offsets."""
 
 _Size = namedtuple("_Size", "model contact")

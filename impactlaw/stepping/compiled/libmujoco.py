@@ -69,6 +69,7 @@ integrate_pos = _external("mj_integratePos", _P, _P, _P, _F)
 mul_m, mul_jac_vec, mul_jac_t_vec = (
     _external(name, _P, _P, _P, _P) for name in ("mj_mulM", "mj_mulJacVec", "mj_mulJacTVec")
 )
+add_contact = _external("mj_addContact", _P, _P, _P, returned=_I)
 geom_distance = _external("mj_geomDistance", _P, _P, _I, _I, _F, _P, returned=_F)
 jac = _external("mj_jac", _P, _P, _P, _P, _P, _I)
 sub_quat, rotate, mul_quat = (_external(name, _P, _P, _P) for name in ("mju_subQuat", "mju_rotVecQuat", "mju_mulQuat"))

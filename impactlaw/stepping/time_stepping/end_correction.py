@@ -13,7 +13,7 @@ from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.left_out.hidden_edges import support
 from impactlaw.stepping.compiled.whitening import Inertia
 from impactlaw.stepping.time_stepping.free_motion import update_frames
-from impactlaw.stepping.time_stepping.problem.detection.contact_points import find_nearest
+from impactlaw.stepping.time_stepping.problem.detection.nearest_points import find_nearest
 from impactlaw.stepping.time_stepping.problem.overlaps import COUNTED, begins_deep, open_overlaps
 from impactlaw.stepping.time_stepping.problem.reader import RowReader, read_rows
 from impactlaw.stepping.time_stepping.problem.rows import Known, Rows
@@ -298,7 +298,7 @@ class EndCorrection:
         else:
             mujoco.mj_collision(model, now)
         if now.ncon:
-            find_nearest(model, now)
+            find_nearest(model, now, beside=self._options.beside)
         return now
 
     def _other(self) -> mujoco.MjData:

@@ -20,6 +20,7 @@ from impactlaw.stepping.compiled.whitening import Inertia
 from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
 from impactlaw.stepping.time_stepping.margins import find_outrun, find_sizes, set_margins
 from impactlaw.stepping.time_stepping.problem.detection.contact_points import mend_contacts
+from impactlaw.stepping.time_stepping.problem.detection.nearest_points import find_nearest
 from impactlaw.stepping.time_stepping.problem.forces import without_far_limits
 from impactlaw.stepping.time_stepping.standing_cylinders import find_standing
 from impactlaw.stepping.time_stepping.temporary_options import EXACT, TemporaryOptions
@@ -144,10 +145,10 @@ def _find_contacts(
         seen = data.warning.number[_FULL].sum()
         mended = _find(model, data, options, surfaces)
         if data.warning.number[_FULL].sum() == seen:
-            _mend_contacts(model, data, mended=mended)
+            _mend_contacts(model, data, options, mended=mended)
             return False
         options.scale_margins(share)
-    _mend_contacts(model, data, mended=_find(model, data, options, surfaces))
+    _mend_contacts(model, data, options, mended=_find(model, data, options, surfaces))
     return True
 
 
@@ -156,16 +157,17 @@ def _find(model: mujoco.MjModel, data: mujoco.MjData, options: TemporaryOptions,
     return options.stands and find_standing(model, data, found=True, surfaces=surfaces)
 
 
-def _mend_contacts(model: mujoco.MjModel, data: mujoco.MjData, *, mended: bool) -> None:
+def _mend_contacts(model: mujoco.MjModel, data: mujoco.MjData, options: TemporaryOptions, *, mended: bool) -> None:
     """Correct contacts; see `problem.detection.contact_points`.
 
     Rows of constraints are made again if anything changes, or contacts were mended before.
     """
+    if data.ncon and find_nearest(model, data, beside=options.beside):
+        mended = True
     found, bodies = data.contact, (model.geom_bodyid, model.body_weldid, model.body_treeid)
     shapes, at = (model.geom_type, model.geom_size, data.geom_xpos, data.geom_xmat), (model._address, data._address)
     contacts = found.dist, found.pos, found.frame, found.geom
-    inertia = model.body_invweight0, data.subtree_com
-    if data.ncon and mend_contacts(contacts, found.dim, bodies, inertia, shapes, model.geom_margin, at):
+    if data.ncon and mend_contacts(contacts, found.dim, bodies, shapes, at):
         mended = True
     if mended:
         mujoco.mj_makeConstraint(model, data)

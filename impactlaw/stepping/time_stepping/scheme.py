@@ -197,6 +197,7 @@ class TimeStepping:
             float(self._options.stands),
             float(self._listed),
             self.problem.meter,
+            float(self._options.beside),
         )
 
     def step(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:

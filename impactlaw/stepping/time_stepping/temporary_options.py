@@ -5,6 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from impactlaw.scene.pairs import some_side_by_side
 from impactlaw.stepping.integration import NO_DAMPING, damps
 from impactlaw.stepping.time_stepping.standing_cylinders import has_standing
 
@@ -30,6 +31,7 @@ class TemporaryOptions:
         integrator: MuJoCo's integrator for the forces without contact.
         sticks: whether bodies can stick across gaps.
         stands: whether cylinders can stand on planes.
+        beside: whether cylinders can touch side by side.
     """
 
     def __init__(self, model: mujoco.MjModel):
@@ -40,7 +42,7 @@ class TemporaryOptions:
         self.sticks = bool(model.flg_adhesion or (model.nu and (model.actuator_trntype == _BODY).any()))
         if self.sticks:  # bodies stick across the gap
             self._gaps = []
-        self.stands = has_standing(model)
+        self.stands, self.beside = has_standing(model), some_side_by_side(model)
         self.cone = model.opt.cone
         self.damped = False
         self.integrator = mujoco.mj_Euler

@@ -67,7 +67,7 @@ from impactlaw.stepping.time_stepping.end_correction import (
     end_targets,
 )
 from impactlaw.stepping.time_stepping.margins import LEAST
-from impactlaw.stepping.time_stepping.problem.detection.contact_points import add_nearest
+from impactlaw.stepping.time_stepping.problem.detection.nearest_points import add_ends, add_nearest
 from impactlaw.stepping.time_stepping.problem.overlaps import COUNTED, begins_deep, open_overlaps
 
 _PYRAMIDAL, _ELLIPTIC = int(mujoco.mjtCone.mjCONE_PYRAMIDAL), int(mujoco.mjtCone.mjCONE_ELLIPTIC)
@@ -146,6 +146,17 @@ def write_acceleration(w, start):
         qacc[i] = (qvel[i] - start[i]) / w.timestep
 
 
+@kernel
+def find_nearest(w):
+    """Do the same as `problem.detection.nearest_points.find_nearest`."""
+    contacts, shapes, at = contacts_of(w), shapes_of(w), (w.model, w.data)
+    dist, pos, frame, geom = contacts
+    nearer = add_nearest(dist, pos, frame, geom, shapes[0], model_floats(w, MODEL.geom_margin, len(shapes[0])), at)
+    if setting(w, SETTING.beside) == 0.0:
+        return nearer
+    return add_ends(contacts, contact_floats(w, CONTACT.includemargin, 1)[:, 0], shapes, at) or nearer
+
+
 @plain
 def _find_contacts(w, now):
     """Copy the state to other data, and find its current contacts."""
@@ -157,9 +168,7 @@ def _find_contacts(w, now):
     put(seen, flags(data_at(w, DATA.eq_active), equalities))
     mj.kinematics(w.model, now.data)
     find_standing(now, False)
-    ngeom, (dist, pos, frame, geom) = size(now, MODEL.ngeom), contacts_of(now)
-    shape, margin = model_ints(now, MODEL.geom_type, ngeom), model_floats(now, MODEL.geom_margin, ngeom)
-    add_nearest(dist, pos, frame, geom, shape, margin, (now.model, now.data))
+    find_nearest(now)
 
 
 @plain

@@ -32,7 +32,7 @@ from impactlaw.stepping.compiled.fields import (
     ints,
     put_int,
 )
-from impactlaw.stepping.time_stepping.compiled.end_of_step import update_frames
+from impactlaw.stepping.time_stepping.compiled.end_of_step import find_nearest, update_frames
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import settle
 from impactlaw.stepping.time_stepping.compiled.limits import hide_far_limits, narrow_limits
 from impactlaw.stepping.time_stepping.compiled.model_copy import widen_limits
@@ -274,10 +274,8 @@ def _mend_contacts(w):
     """Correct contacts as `free_motion._mend_contacts` does; return whether any was changed."""
     if number(w, DATA.ncon) == 0:
         return False
-    dim, margin = contact_ints(w, CONTACT.dim, 1)[:, 0], model_floats(w, MODEL.geom_margin, size(w, MODEL.ngeom))
-    n = size(w, MODEL.nbody)
-    inertia = model_floats(w, MODEL.body_invweight0, (n, 2)), data_floats(w, DATA.subtree_com, (n, 3))
-    return mend(contacts_of(w), dim, bodies_of(w), inertia, shapes_of(w), margin, (w.model, w.data))
+    nearer, dim = find_nearest(w), contact_ints(w, CONTACT.dim, 1)[:, 0]
+    return mend(contacts_of(w), dim, bodies_of(w), shapes_of(w), (w.model, w.data)) or nearer
 
 
 @plain

@@ -40,8 +40,7 @@ def _leveled(gaps, heights, second=(0.0, 0.0, 1.0), *, move=BOTH, condim=3):
     frame[0, :3], frame[1, :3] = (0.0, 0.0, 1.0), second
     dim, nowhere = np.full(2, condim, np.int32), (0, 0)  # distances of planes are never asked for
     contacts = np.array(gaps), pos, frame, GEOMS
-    inertia = np.zeros((3, 2)), np.zeros((3, 3))  # only for cylinders
-    moved = mend_contacts(contacts, dim, (BODIES, WELD, move), inertia, PLANES, np.zeros(3), nowhere)
+    moved = mend_contacts(contacts, dim, (BODIES, WELD, move), PLANES, nowhere)
     return moved, pos[:, 2].tolist()
 
 

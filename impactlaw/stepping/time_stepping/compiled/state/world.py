@@ -29,6 +29,7 @@ class Settings(NamedTuple):
     stands: int = 12  # 1 if cylinders can stand on planes
     listed: int = 13  # see `forces.listed_stage`
     meter: int = 14  # see `scene.tolerances.meter`
+    beside: int = 15  # 1 if cylinders can touch side by side
 
 
 SETTING = Settings()

@@ -1,0 +1,176 @@
+"""Nearest points that MuJoCo's contacts lack, and both ends of lines along which cylinders touch.
+
+Of the corners that two faces share, MuJoCo keeps four which span a large area, and cylinders have corners, too. The
+nearest point of two geoms may therefore be missing. It then replaces one of their contacts. Cylinders that touch along
+a line get a contact at each of its ends, see `scene.corrected.side_by_side`.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from impactlaw.compiled import for_python
+from impactlaw.scene.corrected.side_by_side import END, find_ends
+from impactlaw.scene.tolerances import APART
+from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain
+from impactlaw.stepping.compiled import libmujoco as mj
+from impactlaw.stepping.compiled.fields import address_of, floats, ints, keep
+
+_CAPSULE, _CYLINDER, _BOX, _MESH = (
+    int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("CAPSULE", "CYLINDER", "BOX", "MESH")
+)
+_CORNERS = 4  # largest number of corners of a face that MuJoCo keeps
+_MISSED = 1e-6  # m: difference of gaps up to which the nearest point may be missing
+_TURNED = 0.9998  # cosine of the angle to the normal of the nearest point from which that is used
+
+
+@plain
+def _can_miss(one, other, many, spread):
+    """Return whether the nearest point of two shapes can be missing among MuJoCo's points of contact.
+
+    If one of them is round, even a single point can be wrong. Four points of one height are level corners.
+
+    Args:
+        one: type of a geom.
+        other: type of the other geom.
+        many: number of points of contact.
+        spread: largest difference of their gaps, m.
+    """
+    if many == _CORNERS and spread <= _MISSED:
+        return False
+    long = one in (_CAPSULE, _CYLINDER) or other in (_CAPSULE, _CYLINDER)
+    known = one in (_CAPSULE, _CYLINDER, _BOX, _MESH) and other in (_CAPSULE, _CYLINDER, _BOX, _MESH)
+    return known and (many > 1 or long) and (one in (_CYLINDER, _MESH) or other in (_CYLINDER, _MESH))
+
+
+@plain
+def _turn(frame, normal):
+    """Give a frame, (9,), another normal."""
+    along, square = 0.0, 0.0
+    for i in range(3):
+        along += frame[3 + i] * normal[i]
+    for i in range(3):
+        frame[i] = normal[i]
+        frame[3 + i] -= along * normal[i]
+        square += frame[3 + i] ** 2
+    for i in range(3):
+        frame[3 + i] /= np.sqrt(square)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        frame[6 + i] = frame[j] * frame[3 + k] - frame[k] * frame[3 + j]
+
+
+@plain
+def _replace(first, end, gap, segment, dist, pos, frame):
+    """Move the contact that is closest to the nearest point of two geoms there.
+
+    ``segment``, (9,), goes from the first to the second geom, ``gap``, m, is its length; the rest is scratch space.
+    """
+    nearest, least, along = first, np.inf, 0.0
+    for k in range(first, end):
+        square = 0.0
+        for i in range(3):
+            square += (0.5 * (segment[i] + segment[3 + i]) - pos[k, i]) ** 2
+        if square < least:
+            nearest, least = k, square
+    for i in range(3):
+        pos[nearest, i] = 0.5 * (segment[i] + segment[3 + i])
+        along += (segment[3 + i] - segment[i]) * frame[nearest, i]
+    dist[nearest] = along
+    if abs(gap) > _MISSED and 0.0 < along / gap < _TURNED:
+        dist[nearest] = gap
+        for i in range(3):
+            segment[6 + i] = (segment[3 + i] - segment[i]) / gap
+        _turn(frame[nearest], segment[6:])
+
+
+@kernel
+def add_nearest(dist, pos, frame, geom, shape, margin, at):
+    """Replace contacts of two geoms whose nearest point is missing by that point; return whether any is missing.
+
+    Args:
+        dist: gaps, m, (ncon,); written, like the next two.
+        pos: contact points, m, (ncon, 3).
+        frame: frames with normals first, (ncon, 9).
+        geom: geoms of contacts, (ncon, 2).
+        shape: MuJoCo's geom_type, (ngeom,).
+        margin: geom_margin, (ngeom,); half of the sum of two is out of reach, see `margins.write_margins`.
+        at: addresses of the model and of its data.
+    """
+    end, some, segment = 0, False, numbers(9)
+    while end < len(dist):
+        first, one, other = end, geom[end, 0], geom[end, 1]
+        least, most = dist[first], dist[first]
+        while end < len(dist) and geom[end, 0] == one and geom[end, 1] == other:
+            least, most, end = min(least, dist[end]), max(most, dist[end]), end + 1
+        if not _can_miss(shape[one], shape[other], end - first, most - least):
+            continue
+        bound = min(least - _MISSED, 0.5 * (margin[one] + margin[other]))
+        gap = mj.geom_distance(at[0], at[1], one, other, max(bound, APART), address_of(segment))
+        if gap < bound:
+            some = True
+            _replace(first, end, gap, segment, dist, pos, frame)
+    keep(segment)
+    return some
+
+
+@plain
+def _insert(dist, pos, frame, stride, first, many):
+    """Insert contacts at first ends of lines before those at second ends.
+
+    Contacts are moved as a whole, from the last one on: room for ``many`` more follows them. For the other arguments
+    see `side_by_side.find_ends`; ``stride`` is the size of a contact, bytes.
+    """
+    begin, to = address_of(dist), len(dist) + many - 1
+    whole, at = ints(begin, (to + 1, stride // 4)), ((address_of(pos) - begin) // 8, (address_of(frame) - begin) // 8)
+    parts = floats(begin, (to + 1, stride // 8))
+    for k in range(len(dist) - 1, -1, -1):
+        if to == k:
+            break
+        for copy in range(1 if np.isnan(first[k, 0]) else 2):
+            for i in range(stride // 4):
+                whole[to, i] = whole[k, i]
+            if copy == 1:
+                parts[to, (address_of(dist) - begin) // 8] = first[k, 0]
+                for i in range(3):
+                    parts[to, at[0] + i] = first[k, 1 + i]
+                for i in range(9):
+                    parts[to, at[1] + i] = first[k, 4 + i]
+            to -= 1
+
+
+@kernel
+def add_ends(contacts, reach, shapes, at):
+    """Give cylinders that touch along a line a contact at each end of it; return whether anything was changed.
+
+    Rows of constraints must be made again if so. Where MuJoCo has no room, which it counts, lines keep one contact.
+
+    Args:
+        contacts: gaps, points, frames and geoms of contacts, see `add_nearest`; written, and longer afterwards.
+        reach: MuJoCo's includemargin, m, (ncon,).
+        shapes: MuJoCo's geom_type, geom_size, geom_xpos and geom_xmat.
+        at: addresses of the model and of its data.
+    """
+    (dist, pos, frame, geom), room, added = contacts, numbers(END * (len(reach) + 1)), 0
+    first = room.reshape((len(reach) + 1, END))
+    some = find_ends(shapes, geom, reach, dist, pos, frame, first)
+    many = int(first[len(reach), 0])
+    while added < many and mj.add_contact(at[0], at[1], address_of(dist)) == 0:
+        added += 1
+    _insert(dist, pos, frame, dist.strides[0], first, added)
+    return some
+
+
+_add_nearest, _add_ends = for_python(add_nearest), for_python(add_ends)
+
+
+def find_nearest(model: mujoco.MjModel, data: mujoco.MjData, *, beside: bool) -> bool:
+    """Do the same as `add_nearest`, and as `add_ends` where cylinders can touch side by side, with data's contacts."""
+    found, at = data.contact, (model._address, data._address)
+    kind, contacts = model.geom_type, (found.dist, found.pos, found.frame, found.geom)
+    nearer = bool(_add_nearest(*contacts, kind, model.geom_margin, at))
+    if not beside:
+        return nearer
+    shapes = kind, model.geom_size, data.geom_xpos, data.geom_xmat
+    return bool(_add_ends(contacts, found.includemargin, shapes, at)) or nearer
