@@ -132,7 +132,7 @@ def _insert(dist, pos, frame, stride, first, many):
             for i in range(stride // 4):
                 whole[to, i] = whole[k, i]
             if copy == 1:
-                parts[to, (address_of(dist) - begin) // 8] = first[k, 0]
+                parts[to, 0] = first[k, 0]
                 for i in range(3):
                     parts[to, at[0] + i] = first[k, 1 + i]
                 for i in range(9):
