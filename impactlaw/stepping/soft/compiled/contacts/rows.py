@@ -20,7 +20,7 @@ from impactlaw.stepping.compiled.access import (
 )
 from impactlaw.stepping.compiled.fields import CONTACT, MODEL
 from impactlaw.stepping.compiled.whitening import whiten
-from impactlaw.stepping.soft.compiled.contacts.tangents import shift_to_body, write_row
+from impactlaw.stepping.soft.compiled.contacts.tangents import TORSION, find_turning, lengthen, shift_to_body, write_row
 
 Array = np.ndarray[Any, Any]
 
@@ -77,7 +77,7 @@ def _mix(found, i, d, scale, nnz, adr, val, mixed):
 
 
 @plain
-def _fill(w, found, jacobian, reached, root, frictional, mark, work, mixed, rows):
+def _fill(w, found, jacobian, reached, root, frictional, mark, work, mixed, turn, rows):
     """Write the rows of the `reached` contacts, and return the number of entries."""
     nnz, adr, col, val = jacobian
     dim, mu = contact_ints(w, CONTACT.dim, 1)[:, 0], contact_floats(w, CONTACT.friction, 5)
@@ -87,18 +87,20 @@ def _fill(w, found, jacobian, reached, root, frictional, mark, work, mixed, rows
             continue
         rows.of[g], rows.first[g] = i, r
         c, row = found.contact[i], found.row[i]
-        shift = shift_to_body(w, c) if frictional and c >= 0 else 0.0
+        shift = shift_to_body(w, c) if frictional and c >= 0 and dim[c] > 1 else 0.0
+        lever, own = shift * find_turning(w, c, turn) if shift != 0.0 else 0.0, col[adr[row] : adr[row] + nnz[row]]
         for d in range(dim[c] if frictional and c >= 0 else 1):
             if d > 0 and not mu[c, d - 1] > NO_FRICTION:
                 continue
-            if d == 0 or (shift == 0.0 and is_orthogonal(frame, c)):
+            if d == 0 or is_orthogonal(frame, c):
                 _mix(found, i, d, 1.0 if d == 0 else mu[c, d - 1], nnz, adr, val, mixed)
+                if lever != 0.0 and 0 < d < TORSION:
+                    lengthen(w, c, d, lever * mu[c, d - 1], turn, own, mixed)
             else:
-                write_row(w, c, d, shift, mu[c, d - 1], col[adr[row] : adr[row] + nnz[row]], mixed)
+                write_row(w, c, d, shift, mu[c, d - 1], own, mixed)
             rows.adr[r] = end
             rows.nnz[r] = whiten(
-                nnz[row], FIRST, col[adr[row] : adr[row] + nnz[row]], mixed, end, work, mark, inertia, root, trees,
-                rows.val, rows.col,
+                nnz[row], FIRST, own, mixed, end, work, mark, inertia, root, trees, rows.val, rows.col
             )  # fmt: skip
             end += rows.nnz[r]
             r += 1
@@ -116,7 +118,8 @@ def read(w, found, jacobian, reached, root, frictional):
     mark = cleared(size(w, MODEL.ntree))
     k, n, m = _count(w, found, reached, jacobian, frictional, mark)
     rows = Rows(indices(k), integers(k), integers(k), integers(n), integers(n), integers(m), numbers(m))
-    end = _fill(w, found, jacobian, reached, root, frictional, mark, zeros(w.nv), numbers(w.nv), rows)
+    work, mixed, turn = zeros(w.nv), numbers(w.nv), numbers(3 * w.nv)
+    end = _fill(w, found, jacobian, reached, root, frictional, mark, work, mixed, turn, rows)
     return Rows(rows.of, rows.first, rows.sizes, rows.nnz, rows.adr, rows.col[:end], rows.val[:end])
 
 

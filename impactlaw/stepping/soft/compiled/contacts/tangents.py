@@ -14,7 +14,8 @@ from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import bodies_of, contact_floats, contact_ints, contacts_of
 from impactlaw.stepping.compiled.fields import CONTACT, address_of, keep
 
-_TORSION = 3  # index of the torsion row; the rows are the normal, two of sliding, one of torsion, two of rolling
+TORSION = 3
+"""Index of the torsion row; the rows are the normal, two of sliding, one of torsion, two of rolling."""
 
 
 @plain
@@ -23,6 +24,31 @@ def shift_to_body(w, c):
     (gap, _, _, geom), (body, _, tree) = contacts_of(w), bodies_of(w)
     still, other_still = tree[body[geom[c, 0]]] < 0, tree[body[geom[c, 1]]] < 0
     return 0.5 * gap[c] * (np.float64(still) - np.float64(other_still))
+
+
+@kernel
+def find_turning(w, c, turn):
+    """Write the angular velocities of the only body with degrees of freedom at contact c per qvel, (3 nv,).
+
+    Return 1 if that body is the second one, else -1.
+    """
+    geom, (body, _, tree) = contact_ints(w, CONTACT.geom, 2), bodies_of(w)
+    side = 0 if tree[body[geom[c, 0]]] >= 0 else 1
+    point = address_of(contact_floats(w, CONTACT.pos, 3)[c])
+    mj.jac(w.model, w.data, np.int64(0), address_of(turn), point, body[geom[c, side]])
+    return 2.0 * side - 1.0
+
+
+@plain
+def lengthen(w, c, d, lever, turn, col, row):
+    """Add to a row of sliding what a shift of its point along the normal changes; see `find_turning`.
+
+    ``lever`` is the shift, m, times the coefficient of friction, and times the sign that `find_turning` returns.
+    """
+    frame, axis, factor = contact_floats(w, CONTACT.frame, 9), 6 if d == 1 else 3, lever if d == 1 else -lever
+    for a in range(len(col)):
+        for i in range(3):
+            row[a] += factor * frame[c, axis + i] * turn[i * w.nv + col[a]]
 
 
 @kernel
@@ -43,8 +69,8 @@ def write_row(w, c, d, shift, mu, col, row):
     for i in range(3):
         point[i] = contact_floats(w, CONTACT.pos, 3)[c, i] + shift * frame[0, i]
     make_orthogonal(frame)
-    slides, null, moves = d < _TORSION, np.int64(0), numbers(3 * w.nv)
-    at, axis = address_of(moves), 3 * (d if slides else d - _TORSION)
+    slides, null, moves = d < TORSION, np.int64(0), numbers(3 * w.nv)
+    at, axis = address_of(moves), 3 * (d if slides else d - TORSION)
     row[: len(col)] = 0.0
     for side, sign in ((0, -mu), (1, mu)):
         part = body[contact_ints(w, CONTACT.geom, 2)[c, side]]
