@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import NamedTuple
 
 import mujoco
@@ -61,8 +59,9 @@ def collide(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders | N
 def _add(model: mujoco.MjModel, data: mujoco.MjData, ends: np.ndarray) -> None:
     """Add contacts at further ends of lines; see `side_by_side.find_ends`."""
     for k in np.flatnonzero(np.isfinite(ends[:-1, 0])):
-        with _enough_room(data):
-            mujoco.mj_addContact(model, data, data.contact[k])
+        full = data.warning.number[_FULL]
+        mujoco.mj_addContact(model, data, data.contact[k])
+        _check_room(data, full)
         added = data.contact[data.ncon - 1]
         added.dist, added.pos, added.frame = ends[k, 0], ends[k, 1:4], ends[k, 4:]
 
@@ -75,17 +74,14 @@ def _can_meet(model: mujoco.MjModel, geoms: Cylinders) -> bool:
 
 
 def _find_contacts(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    with _enough_room(data):
-        mujoco.mj_collision(model, data)
+    full = data.warning.number[_FULL]
+    mujoco.mj_collision(model, data)
+    _check_room(data, full)
 
 
-@contextmanager
-def _enough_room(data: mujoco.MjData) -> Iterator[None]:
-    """Raise `SceneError` if MuJoCo has no room for the contacts that are found meanwhile."""
-    numbers = data.warning.number
-    before = numbers[_FULL]
-    yield
-    if numbers[_FULL] != before:
+def _check_room(data: mujoco.MjData, full: int) -> None:
+    """Raise `SceneError` if MuJoCo has had no room for contacts since it counted this number of warnings."""
+    if data.warning.number[_FULL] != full:
         raise SceneError(
             f'MuJoCo has no room for more than {data.ncon} contacts; give the scene a larger <size memory="..."/>'
         )

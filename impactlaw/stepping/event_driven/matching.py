@@ -127,8 +127,7 @@ def _match_points(contact_set: ContactSet, phase: Phase) -> np.ndarray:
     index = np.full(len(contacts), -1)
     other = pattern.key[:, None] != start.pattern.key
     moved = np.where(other, np.inf, _moved(contacts, start.contacts, start.frames, data))
-    nearest = moved.argmin(axis=1)
-    least = moved[np.arange(len(contacts)), nearest]
+    nearest, least = moved.argmin(axis=1), moved.min(axis=1)
     travel = phase.travel.between(start.frames, data)
     near = least <= 2.0 * travel[contacts.geoms].sum(axis=1) + _SAME_POINT * phase.tolerance
     near |= np.isfinite(least) & pattern.single
@@ -179,10 +178,12 @@ def runs_on(half: PhaseEnd, end: PhaseEnd, phase: Phase, deepest: int) -> bool:
 
 def _moved(contacts: Contacts, before: Contacts, frames: Frames, data: mujoco.MjData) -> np.ndarray:
     """Return distances between current and earlier contact points, seen from the geom for which they are smaller."""
-    distances = []
-    for geom, earlier in zip(contacts.geoms.T, before.geoms.T, strict=True):
-        turn, turn_before = data.geom_xmat[geom].reshape(-1, 3, 3), frames.rotation[earlier].reshape(-1, 3, 3)
-        now = np.einsum("hij,hi->hj", turn, contacts.position - data.geom_xpos[geom])
-        then = np.einsum("hij,hi->hj", turn_before, before.position - frames.position[earlier])
-        distances.append(np.linalg.norm(now[:, None] - then, axis=2))
-    return np.minimum(*distances)
+    now = _seen(contacts, data.geom_xpos, data.geom_xmat)
+    away = now[:, None] - _seen(before, frames.position, frames.rotation)
+    return np.sqrt(np.vecdot(away, away)).min(axis=2)
+
+
+def _seen(contacts: Contacts, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    """Return the contact points, each seen from its two geoms, (h, 2, 3)."""
+    away = contacts.position[:, None] - position[contacts.geoms]
+    return np.einsum("hgij,hgi->hgj", rotation[contacts.geoms].reshape(-1, 2, 3, 3), away)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-_ROOT = 1e-15  # part of an interval to which the zero of its cubic is found
+_ROOT = 1e-12  # last Newton step to the zero of a cubic, relative to the zero; the steps after it are rounding
 _HALVINGS = 60
 
 
