@@ -142,5 +142,5 @@ def test_steps_whose_friction_is_not_found_are_counted(compiled):
     for _ in range(70):
         stepper.step(data)
         missed = max(missed, stepper.shortfall)
-    assert missed < 1e-12
+    assert missed < 1e-8  # m/s, up to which no shortfall counts
     assert stepper.short_steps > 2

@@ -1,4 +1,4 @@
-"""Contacts that bodies pass over, in compiled code, see `problem.detection.passed_edges`."""
+"""Contacts that bodies pass, in compiled code, see `problem.detection.passed_edges`."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from impactlaw.stepping.compiled.access import (
     bodies_of,
     contact_ints,
     contacts_of,
+    data_floats,
     model_floats,
     model_ints,
     offset,
@@ -19,8 +20,7 @@ from impactlaw.stepping.time_stepping.problem.detection.passed_edges import leav
 
 @plain
 def _contacts(w):
-    gap, _, frame, geom = contacts_of(w)
-    return gap, frame, geom, contact_ints(w, CONTACT.efc_address, 1)[:, 0]
+    return *contacts_of(w), contact_ints(w, CONTACT.efc_address, 1)[:, 0]
 
 
 @plain
@@ -31,13 +31,15 @@ def _geometry(w):
 
 @plain
 def doubt(w, chosen, doubtful):
-    """Leave contacts out that bodies may pass over, see `leave_doubtful`."""
-    return leave_doubtful(_contacts(w), _geometry(w), chosen, doubtful)
+    """Leave contacts out that bodies may pass, see `leave_doubtful`."""
+    nbody, extent = size(w, MODEL.nbody), model_floats(w, MODEL.geom_aabb, (size(w, MODEL.ngeom), 6))
+    motion = data_floats(w, DATA.cvel, (nbody, 6)), data_floats(w, DATA.subtree_com, (nbody, 3)), extent, w.timestep
+    return leave_doubtful(_contacts(w), _geometry(w), motion, chosen, doubtful)
 
 
 @plain
 def look_ahead(w, jacobian, middle, chosen, seen, doubtful):
-    """Take contacts out of those that are seen if bodies pass over them, see `pass_over`."""
+    """Take contacts out of those that are seen if bodies pass them, see `pass_over`."""
     ngeom, qvel = size(w, MODEL.ngeom), velocity_of(w)
     extent = model_floats(w, MODEL.geom_aabb, (ngeom, 6))
     qpos = floats(long_at(w.scratch + offset(w, DATA.qpos)), len(middle))

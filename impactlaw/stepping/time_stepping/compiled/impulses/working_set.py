@@ -86,7 +86,7 @@ def find_impulses(
     found = attempt(
         w, jacobian, chosen, start, still, free, known, rounds, law, phases, mark, room, floats(room.sums, SUMS)
     )  # fmt: skip
-    while found.rows > 0 and found.solved.status == FINE:
+    while (doubts or found.rows > 0) and found.solved.status == FINE:
         shift = answer_at(room.answer, found.groups, found.rows, w.nv).shift
         if narrow and passes_limit(w, middle, h, shift, found.solved.opens):
             if sets == 1:

@@ -1,10 +1,14 @@
-"""Leave contacts with fixed bodies out that a body passes over, although their gradients say that they close.
+"""Leave contacts out that a body passes, although their gradients say that they close.
 
 A body that slides or rolls over a floor of several pieces, as the prisms of a height field, comes near the edge of the
-piece ahead. That gap closes along its gradient, but the body passes over the edge. Where a body has a nearer contact
-with fixed bodies in another direction, such contacts are therefore left out at first. If the resulting velocity v+
-closes them, the gap is measured where it leads, at ``q_M ⊕ h v+``, where the next step looks for contacts, and halfway
-there, at the end of this step. Only contacts of bodies that overlap there take part.
+piece ahead. That gap closes along its gradient, but the body passes over the edge. So does a gap to an edge, or to
+another ball, that a fast ball flies past. Open contacts are therefore left out at first
+
+- of a body with a fixed one, where it has a nearer contact with fixed bodies in another direction;
+- of bodies that move along each other by more than a quarter of their half thickness in a timestep.
+
+If the resulting velocity v+ closes them, the gap is measured where it leads, at ``q_M ⊕ h v+``, where the next step
+looks for contacts, and on the way there. Only contacts of bodies that overlap there take part.
 """
 
 from __future__ import annotations
@@ -24,38 +28,81 @@ _SAME = 1.0 - 1e-6
 """Cosine of the angle between two normals from which they are one direction."""
 _PASSED = 3e-6
 """Overlap, m, up to which a body passes over an edge."""
+_FAST = 0.25
+"""Way of bodies along each other in a timestep, relative to half the thickness of the thinner one, that is long."""
+_LOOKS = 8
+"""Largest number of places where a gap is measured."""
 
 
 @plain
-def _can_pass(pair, own, geometry):
-    """Return whether a geom can pass over a fixed one; other data do not know where mocap bodies carry them."""
-    shape, body_of_geom, _, _, root, mocap = geometry
-    kind = shape[pair[1 - own]]
+def _can_pass(pair, geometry):
+    """Return whether a geom can pass another one; other data do not know where mocap bodies carry them."""
+    (shape, body_of_geom, _, _, root, mocap), can = geometry, True
     for i in range(2):
-        if mocap[root[body_of_geom[pair[i]]]] >= 0:
-            return False
-    return kind != _PLANE and kind != _SDF
+        can = can and mocap[root[body_of_geom[pair[i]]]] < 0 and shape[pair[i]] != _PLANE and shape[pair[i]] != _SDF
+    return can
+
+
+@plain
+def _thickness(g, extent):
+    """Return half the smallest size of the box around a geom, m."""
+    return min(extent[g, 3], extent[g, 4], extent[g, 5])
+
+
+@plain
+def _velocity(axis, g, point, geometry, motion):
+    """Return a component of the velocity of a point of a geom, m/s."""
+    (_, body_of_geom, _, _, root, _), (velocity, center, _, _) = geometry, motion
+    b = body_of_geom[g]
+    i, j, c = (axis + 1) % 3, (axis + 2) % 3, root[b]
+    turning = velocity[b, i] * (point[j] - center[c, j]) - velocity[b, j] * (point[i] - center[c, i])
+    return velocity[b, 3 + axis] + turning
+
+
+@plain
+def _is_fast(pair, point, frame, geometry, motion):
+    """Return whether two geoms move along each other by a long way in a timestep, see `_FAST`."""
+    (_, _, extent, timestep), square, along = motion, 0.0, 0.0
+    for axis in range(3):
+        v = _velocity(axis, pair[1], point, geometry, motion) - _velocity(axis, pair[0], point, geometry, motion)
+        square += v * v
+        along += v * frame[axis]
+    way = _FAST * min(_thickness(pair[0], extent), _thickness(pair[1], extent))
+    return timestep * timestep * (square - along * along) > way * way
 
 
 @kernel
-def leave_doubtful(contacts, geometry, chosen, doubtful):
-    """Leave contacts out that bodies may pass over; return whether there are any.
-
-    These are open contacts of a body with a fixed one, if it has a nearer one in another direction. Of two that are
-    equally near, as of a ball that falls into the middle of a groove, both take part.
+def leave_doubtful(contacts, geometry, motion, chosen, doubtful):
+    """Leave contacts out that bodies may pass; return whether there are any.
 
     Args:
-        contacts: gaps, m, (ncon,), frames with normals first, at least (ncon, 3), geoms, (ncon, 2), and first rows,
-            (ncon,).
+        contacts: gaps, m, (ncon,), points, (ncon, 3), frames with normals first, at least (ncon, 3), geoms, (ncon, 2),
+            and first rows, (ncon,).
         geometry: MuJoCo's geom_type, geom_bodyid, body_weldid, body_treeid, body_rootid and body_mocapid.
+        motion: MuJoCo's cvel, subtree_com and geom_aabb, and h, s.
         chosen: MuJoCo's rows that take part, bool (nefc,); written.
         doubtful: the contacts that are left out, bool (ncon,), False; written.
     """
-    (dist, frame, geom, address), (_, body_of_geom, weld, tree, _, _), some = contacts, geometry, False
+    some, (gap, point, frame, geom, address) = _leave_edges(contacts, geometry, chosen, doubtful), contacts
+    for k in range(len(gap)):
+        takes_part = gap[k] > TOUCHING and address[k] >= 0 and chosen[address[k]]
+        if takes_part and _can_pass(geom[k], geometry) and _is_fast(geom[k], point[k], frame[k], geometry, motion):
+            doubtful[k], chosen[address[k]], some = True, False, True
+    return some
+
+
+@kernel
+def _leave_edges(contacts, geometry, chosen, doubtful):
+    """Leave contacts with edges of fixed bodies out that bodies may pass over; return whether there are any.
+
+    These are open contacts of a body with a fixed one, if it has a nearer one in another direction. Of two that are
+    equally near, as of a ball that falls into the middle of a groove, both take part.
+    """
+    (dist, _, frame, geom, address), (_, body_of_geom, weld, tree, _, _), some = contacts, geometry, False
     for k in range(len(dist)):
         own = moving_side(geom[k], body_of_geom, tree)
         if own >= 0 and address[k] >= 0 and chosen[address[k]]:
-            doubtful[k] = dist[k] > TOUCHING and _can_pass(geom[k], own, geometry)
+            doubtful[k] = dist[k] > TOUCHING and _can_pass(geom[k], geometry)
             some = some or doubtful[k]
     if not some:
         return False
@@ -83,12 +130,6 @@ def leave_doubtful(contacts, geometry, chosen, doubtful):
 
 
 @plain
-def _thickness(g, extent):
-    """Return the smallest half size of the box around a geom, m."""
-    return min(extent[g, 3], extent[g, 4], extent[g, 5])
-
-
-@plain
 def _is_asked(k, address, doubtful, chosen, seen):
     """Return whether it is asked if a contact closes."""
     return doubtful[k] and seen[address[k]] and not chosen[address[k]]
@@ -113,9 +154,10 @@ def _place(middle, qpos, velocity, time, at):
 
 @kernel
 def pass_over(contacts, geometry, extent, jacobian, velocity, timestep, middle, qpos, at, chosen, seen, doubtful):
-    """Take contacts out of those that a velocity closes if bodies pass over them.
+    """Take contacts out of those that a velocity closes if bodies pass them.
 
-    A body that would get deeper than it is thick counts as one that does not pass.
+    Gaps are measured at least once while the body, or two that move, enter by half their thickness. Bodies that would
+    enter by more than `_LOOKS` allow count as bodies that do not pass.
 
     Args:
         contacts: see `leave_doubtful`, like the next one.
@@ -131,17 +173,22 @@ def pass_over(contacts, geometry, extent, jacobian, velocity, timestep, middle, 
         seen: rows that the velocity closes, bool (nefc,); written.
         doubtful: see `leave_doubtful`.
     """
-    (dist, _, geom, address), (_, body_of_geom, _, tree, _, _) = contacts, geometry
-    hit, share, many = cleared(len(dist)), 1.0, 0
+    (dist, _, _, geom, address), (_, body_of_geom, _, tree, _, _) = contacts, geometry
+    hit, looks, many = cleared(len(dist)), 2, 0
     for k in range(len(dist)):
         if _is_asked(k, address, doubtful, chosen, seen):
-            own = geom[k, moving_side(geom[k], body_of_geom, tree)]
-            hit[k] = -dist[k] - _way(address[k], jacobian, velocity, timestep) > _thickness(own, extent)
-            many += not hit[k]
-    while many > 0 and share >= 0.5:
-        _place(middle, qpos, velocity, share * timestep, at)
-        many = _hits(geom, address, at, chosen, seen, doubtful, hit)
-        share *= 0.5
+            own, thin = moving_side(geom[k], body_of_geom, tree), 0.0
+            for i in range(2):
+                if own < 0 or i == own:
+                    thin += _thickness(geom[k, i], extent)
+            parts = np.ceil((-dist[k] - _way(address[k], jacobian, velocity, timestep)) / thin)
+            hit[k] = 2.0 * parts > _LOOKS
+            if not hit[k]:
+                many, looks = many + 1, max(looks, 2 * int(parts))
+    for i in range(looks, 0, -1):
+        if many > 0:
+            _place(middle, qpos, velocity, i / looks * timestep, at)
+            many = _hits(geom, address, at, chosen, seen, doubtful, hit)
     for k in range(len(dist)):
         if _is_asked(k, address, doubtful, chosen, seen) and not hit[k]:
             seen[address[k]] = False
@@ -169,22 +216,23 @@ _leave_doubtful, _pass_over = map(for_python, (leave_doubtful, pass_over))
 
 
 class PassedEdges:
-    """Finds contacts that bodies pass over, in steps that are taken in Python."""
+    """Finds contacts that bodies pass, in steps that are taken in Python."""
 
     def __init__(self, model: mujoco.MjModel):
         self._model = model
         self._other: mujoco.MjData | None = None
 
     def leave_doubtful(self, data: mujoco.MjData, near: np.ndarray) -> np.ndarray:
-        """Return which contacts bodies may pass over, bool (ncon,); their rows are taken out of those that are near."""
-        doubtful = np.zeros(data.ncon, dtype=bool)
-        _leave_doubtful(_contacts(data), self._geometry(), near, doubtful)
+        """Return which contacts bodies may pass, bool (ncon,); their rows are taken out of those that are near."""
+        doubtful, model = np.zeros(data.ncon, dtype=bool), self._model
+        motion = data.cvel, data.subtree_com, model.geom_aabb, model.opt.timestep
+        _leave_doubtful(_contacts(data), self._geometry(), motion, near, doubtful)
         return doubtful
 
     def pass_over(
         self, data: mujoco.MjData, middle: np.ndarray, near: np.ndarray, seen: np.ndarray, doubtful: np.ndarray
     ) -> None:
-        """Take the rows of contacts that bodies pass over out of those that the velocity of data closes.
+        """Take the rows of contacts that bodies pass out of those that the velocity of data closes.
 
         Args:
             data: the state with current contacts.
@@ -210,4 +258,4 @@ class PassedEdges:
 
 def _contacts(data: mujoco.MjData) -> tuple[np.ndarray, ...]:
     found = data.contact
-    return found.dist, found.frame, found.geom, found.efc_address
+    return found.dist, found.pos, found.frame, found.geom, found.efc_address

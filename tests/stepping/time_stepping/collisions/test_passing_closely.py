@@ -1,0 +1,60 @@
+"""Fast balls that fly closely past edges and other balls miss them, and hit what is in their way."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from impactlaw import Moreau, Stepper
+
+R = 0.02
+TARGETS = {  # what is passed, and how far it reaches along x
+    "box": ('<geom type="box" size=".3 .2 .01"/>', 0.3),
+    "disc": ('<geom type="cylinder" size=".08 .005"/>', 0.08),
+    "ball": ('<geom size=".05"/>', 0.05),
+    "moving ball": ('<body><freejoint/><geom size=".05" mass=".1"/></body>', 0.05),
+    "moving plate": ('<body><joint axis="0 1 0"/><geom type="box" size=".3 .2 .01" mass="9"/></body>', 0.3),
+}
+
+
+def _flown_past(target, clearance, speed, *, time, **options):
+    """Return the velocity of a ball across its way after it came past a target; its path begins so many s before."""
+    xml, edge = TARGETS[target]
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option gravity="0 0 0"/><worldbody>{xml}
+        <body pos="{edge + R + clearance} 0 {speed * time}"><freejoint/><geom size="{R}" mass=".003"/></body>
+        </worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    data.qvel[-4] = -speed
+    stepper = Stepper(model, Moreau(0.8), scheme="time-stepping", **options)
+    stepper.step(data, 40)
+    assert stepper.short_steps == 0
+    return data.qvel[-6:-3]
+
+
+@pytest.mark.parametrize("speed", [3.0, 18.0])
+@pytest.mark.parametrize("target", TARGETS)
+def test_what_is_missed_by_little_is_not_hit(target, speed):
+    for time in np.linspace(0.02, 0.022, 7):
+        assert _flown_past(target, 2e-4, speed, time=time).tolist() == [0.0, 0.0, -speed]
+
+
+@pytest.mark.parametrize("speed", [3.0, 18.0])
+@pytest.mark.parametrize("target", TARGETS)
+def test_what_is_in_the_way_is_hit(target, speed):
+    for time in np.linspace(0.02, 0.022, 7):
+        assert _flown_past(target, -3e-3, speed, time=time)[0] > 0.01
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_steps_in_python_miss_and_hit_the_same(target):
+    for clearance in (-3e-3, 2e-4, 5e-3):
+        found = [_flown_past(target, clearance, 18.0, time=0.021, compiled=how) for how in ("auto", "never")]
+        np.testing.assert_allclose(*found, rtol=1e-10, atol=1e-10)
+
+
+def test_a_fast_ball_bounces_off_a_thin_plate():
+    """The middle of the plate is hit at 40 m/s: the ball moves by four of its radii in a timestep."""
+    for time in np.linspace(0.02, 0.022, 7):
+        velocity = _flown_past("box", -0.2, 40.0, time=time)
+        np.testing.assert_allclose(velocity, [0.0, 0.0, 32.0], atol=1e-9)
