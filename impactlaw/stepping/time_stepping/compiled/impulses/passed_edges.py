@@ -10,6 +10,7 @@ from impactlaw.stepping.compiled.access import (
     data_floats,
     model_floats,
     model_ints,
+    number,
     offset,
     size,
     velocity_of,
@@ -32,6 +33,8 @@ def _geometry(w):
 @plain
 def doubt(w, chosen, doubtful):
     """Leave contacts out that bodies may pass, see `leave_doubtful`."""
+    if number(w, DATA.ncon) == 0:
+        return False
     nbody, extent = size(w, MODEL.nbody), model_floats(w, MODEL.geom_aabb, (size(w, MODEL.ngeom), 6))
     motion = data_floats(w, DATA.cvel, (nbody, 6)), data_floats(w, DATA.subtree_com, (nbody, 3)), extent, w.timestep
     return leave_doubtful(_contacts(w), _geometry(w), motion, chosen, doubtful)
