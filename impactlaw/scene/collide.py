@@ -11,22 +11,27 @@ from impactlaw.errors import SceneError
 from impactlaw.scene.pairs import some_side_by_side
 
 _FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL)
-_PLANE, _CYLINDER = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
+_PLANE, _CYLINDER, _CAPSULE = (
+    int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("PLANE", "CYLINDER", "CAPSULE")
+)
 
 
 class Cylinders(NamedTuple):
-    """The geoms of a scene that matter for the contacts of cylinders which `collide` corrects."""
+    """The geoms of a scene that matter for the contacts of cylinders and capsules which `collide` corrects."""
 
     planes: np.ndarray  # on which cylinders can stand
     cylinders: np.ndarray
-    beside: bool  # whether two can touch side by side
+    rods: np.ndarray  # whether geoms are cylinders or capsules, bool (ngeom,)
+    beside: bool  # whether two of these can touch side by side
 
 
 def cylinders_of(model: mujoco.MjModel) -> Cylinders | None:
-    """Return the planes and cylinders of a scene; None if it has no cylinders that stand or touch side by side."""
+    """Return the planes and cylinders of a scene; None if it has none that stand or touch side by side."""
     planes, cylinders = (np.flatnonzero(model.geom_type == kind) for kind in (_PLANE, _CYLINDER))
     beside = some_side_by_side(model)
-    return Cylinders(planes, cylinders, beside) if len(cylinders) and (beside or len(planes)) else None
+    if not beside and (len(cylinders) == 0 or len(planes) == 0):
+        return None
+    return Cylinders(planes, cylinders, (model.geom_type == _CYLINDER) | (model.geom_type == _CAPSULE), beside)
 
 
 def collide(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders | None = None) -> None:
@@ -34,12 +39,29 @@ def collide(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders | N
 
     With the result of `cylinders_of`, the contacts of cylinders that stand on planes or side by side are corrected.
     """
-    if cylinders is None or not _can_meet(model, cylinders):
+    if cylinders is None:
         _find_contacts(model, data)
         return
+    shapes = model.geom_type, model.geom_size, data.geom_xpos, data.geom_xmat
+    if _can_stand(model, cylinders):
+        _find_standing(model, data, cylinders, shapes)
+    else:
+        _find_contacts(model, data)
+    if cylinders.beside and data.ncon and bool(np.all(cylinders.rods[data.contact.geom], axis=1).any()):
+        # compiled code, which reading other scenes should not load
+        from impactlaw.scene.corrected.side_by_side import END, find_ends_of_lines
+
+        found, first = data.contact, np.empty((data.ncon + 1, END))
+        find_ends_of_lines(shapes, found.geom, found.includemargin, found.dist, found.pos, found.frame, first)
+        _add(model, data, first)
+
+
+def _find_standing(
+    model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders, shapes: tuple[np.ndarray, ...]
+) -> None:
+    """Find contacts, those of cylinders that stand on planes with the right distances."""
     # compiled code, which reading other scenes should not load
     from impactlaw.scene.corrected.rounding import align, measure_again
-    from impactlaw.scene.corrected.side_by_side import END, find_ends_of_lines
 
     frames = data.geom_xmat.copy()
     try:
@@ -48,12 +70,8 @@ def collide(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders | N
     finally:
         data.geom_xmat[:] = frames
     if data.ncon:
-        found, shapes = data.contact, (model.geom_type, model.geom_size, data.geom_xpos, data.geom_xmat)
+        found = data.contact
         measure_again(*shapes, found.geom, found.dist, found.pos, found.frame)
-        if cylinders.beside:
-            first = np.empty((data.ncon + 1, END))
-            find_ends_of_lines(shapes, found.geom, found.includemargin, found.dist, found.pos, found.frame, first)
-            _add(model, data, first)
 
 
 def _add(model: mujoco.MjModel, data: mujoco.MjData, ends: np.ndarray) -> None:
@@ -66,11 +84,12 @@ def _add(model: mujoco.MjModel, data: mujoco.MjData, ends: np.ndarray) -> None:
         added.dist, added.pos, added.frame = ends[k, 0], ends[k, 1:4], ends[k, 4:]
 
 
-def _can_meet(model: mujoco.MjModel, geoms: Cylinders) -> bool:
-    """Return whether such contacts are possible now; those of pictures have no contacts."""
+def _can_stand(model: mujoco.MjModel, geoms: Cylinders) -> bool:
+    """Return whether cylinders can stand on planes now; those of pictures have no contacts."""
+    if len(geoms.cylinders) == 0 or len(geoms.planes) == 0:
+        return False
     masks = model.geom_contype | model.geom_conaffinity
-    others = geoms.beside or bool(np.count_nonzero(masks[geoms.planes]))
-    return model.npair > 0 or (others and bool(np.count_nonzero(masks[geoms.cylinders])))
+    return model.npair > 0 or all(bool(np.count_nonzero(masks[some])) for some in (geoms.planes, geoms.cylinders))
 
 
 def _find_contacts(model: mujoco.MjModel, data: mujoco.MjData) -> None:

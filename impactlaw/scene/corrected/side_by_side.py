@@ -1,11 +1,12 @@
-"""MuJoCo's contacts, corrected: cylinders that touch along a line, side by side, such as pipes in a pile.
+"""MuJoCo's contacts, corrected: cylinders and capsules that touch along a line, side by side, as pipes in a pile.
 
 MuJoCo has one contact point for two cylinders, or a cylinder and a capsule. If their axes are parallel, all points of
 the line along which they touch are equally near, and MuJoCo takes one of its ends. An impulse there tips bodies over.
-They therefore get a contact at each end of the line, as MuJoCo's capsules have. Both have the normal of the place where
-the axes are nearest. Their gaps are measured along it, from the rim of the cylinder that ends there to the side of the
-other one, so that the smaller one is the distance of the bodies. The more the axes cross, the shorter is the line; from
-an angle of `SIDE_BY_SIDE` on, cylinders touch in one point if their sides cross, and otherwise have MuJoCo's contact.
+They therefore get a contact at each end of the line. So do capsules, which have both in MuJoCo only if their axes are
+parallel to some 1e-8. Both have the normal of the place where the axes are nearest. Their gaps are measured along it,
+from the rim of the cylinder that ends there to the side of the other one, so that the smaller one is the distance of
+the bodies. The more the axes cross, the shorter is the line; from an angle of `SIDE_BY_SIDE` on, cylinders touch in one
+point if their sides cross, and otherwise have MuJoCo's contact, as capsules have.
 
 MuJoCo's own distance, normal and point are not used, since some are wrong by a third of the bodies' size.
 """
@@ -52,8 +53,8 @@ def _place(place, geom):
 
 @plain
 def _can_lie(kind, one, other):
-    """Return whether two geoms are cylinders, or a cylinder and a capsule."""
-    if one < 0 or other < 0 or (kind[one] != CYLINDER and kind[other] != CYLINDER):
+    """Return whether two geoms are cylinders or capsules."""
+    if one < 0 or other < 0:
         return False
     return (kind[one] == CYLINDER or kind[one] == CAPSULE) and (kind[other] == CYLINDER or kind[other] == CAPSULE)
 
@@ -65,7 +66,7 @@ def _find_line(shapes, one, other, sign):
     The normal is that of the place where the axes are nearest; it is 0 if the cylinders do not touch with their sides.
     ``sign`` is -1 if the axes of both cylinders have opposite directions, else 1.
     """
-    _, size, place, turn = shapes
+    kind, size, place, turn = shapes
     a, b, none = _axis(turn, one, 1.0), _axis(turn, other, sign), (0.0, 0.0, 0.0)
     cosine, between = _dot(a, b), _plus(_place(place, other), -1.0, _place(place, one))
     there, half, apart = _dot(a, between), cosine * size[other, 1], size[one, 0] + size[other, 0]
@@ -75,12 +76,13 @@ def _find_line(shapes, one, other, sign):
     slant = _plus((b[0] / cosine, b[1] / cosine, b[2] / cosine), -1.0, a)
     square, start = _dot(slant, slant), _plus(between, -there / cosine, b)
     nearest = min(max(-_dot(start, slant) / square, low), high) if square > 0.0 else 0.5 * (low + high)
-    ends, parallel = nearest in (low, high), square <= SIDE_BY_SIDE**2
+    parallel = square <= SIDE_BY_SIDE**2
+    as_found = not parallel and (nearest in (low, high) or (kind[one] == CAPSULE and kind[other] == CAPSULE))
     normal = _plus(start, nearest, slant)
     if (nearest == low and there - half < low) or (nearest == high and there + half > high):  # the first one ends there
         normal = _plus(normal, -_dot(normal, b), b)
     distance = np.sqrt(_dot(normal, normal))
-    if distance < SUNK_IN * apart or apart - distance > high - low or (ends and not parallel):
+    if distance < SUNK_IN * apart or apart - distance > high - low or as_found:
         return 0.0, 0.0, none
     normal = (normal[0] / distance, normal[1] / distance, normal[2] / distance)
     aside = _plus(slant, -_dot(slant, normal), normal)
@@ -136,6 +138,15 @@ def _write_ends(shapes, one, other, sign, line, first, second):
 
 
 @plain
+def _has_both(kind, geom, k):
+    """Return whether MuJoCo has found both ends of the line of a contact, as for capsules that are exactly parallel."""
+    for other in (k - 1, k + 1):
+        if 0 <= other < len(geom) and geom[other, 0] == geom[k, 0] and geom[other, 1] == geom[k, 1]:
+            return kind[geom[k, 0]] == CAPSULE and kind[geom[k, 1]] == CAPSULE
+    return False
+
+
+@plain
 def find_ends(shapes, geom, reach, dist, pos, frame, first):
     """Put contacts of cylinders that touch with their sides at second ends of lines; return whether any moves.
 
@@ -152,7 +163,7 @@ def find_ends(shapes, geom, reach, dist, pos, frame, first):
     some, many, (kind, _, _, turn) = False, 0, shapes
     for k in range(len(dist)):
         first[k, 0], one, other = np.nan, geom[k, 0], geom[k, 1]
-        if not _can_lie(kind, one, other):
+        if not _can_lie(kind, one, other) or _has_both(kind, geom, k):
             continue
         sign = 1.0 if _dot(_axis(turn, one, 1.0), _axis(turn, other, 1.0)) > 0.0 else -1.0
         line, second = _find_line(shapes, one, other, sign), first[len(dist)]
