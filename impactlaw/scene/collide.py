@@ -1,4 +1,4 @@
-"""MuJoCo's collision detection, with the contacts of cylinders corrected that stand on planes or side by side."""
+"""MuJoCo's collision detection, with the contacts of cylinders corrected that stand on planes or lie side by side."""
 
 from __future__ import annotations
 
@@ -21,23 +21,22 @@ class Cylinders(NamedTuple):
 
     planes: np.ndarray  # on which cylinders can stand
     cylinders: np.ndarray
-    rods: np.ndarray  # whether geoms are cylinders or capsules, bool (ngeom,)
-    beside: bool  # whether two of these can touch side by side
+    beside: bool  # whether two cylinders or capsules can touch side by side
 
 
 def cylinders_of(model: mujoco.MjModel) -> Cylinders | None:
-    """Return the planes and cylinders of a scene; None if it has none that stand or touch side by side."""
+    """Return the planes and cylinders of a scene; None if it has no cylinders, nor capsules that touch side by side."""
     planes, cylinders = (np.flatnonzero(model.geom_type == kind) for kind in (_PLANE, _CYLINDER))
     beside = some_side_by_side(model)
-    if not beside and (len(cylinders) == 0 or len(planes) == 0):
+    if not beside and len(cylinders) == 0:
         return None
-    return Cylinders(planes, cylinders, (model.geom_type == _CYLINDER) | (model.geom_type == _CAPSULE), beside)
+    return Cylinders(planes, cylinders, beside)
 
 
 def collide(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders | None = None) -> None:
     """Run MuJoCo's collision detection at the current frames (`update_positions`); replaces data.contact.
 
-    With the result of `cylinders_of`, the contacts of cylinders that stand on planes or side by side are corrected.
+    With the result of `cylinders_of`, the contacts of cylinders on planes, boxes, meshes and each other are corrected.
     """
     if cylinders is None:
         _find_contacts(model, data)
@@ -47,8 +46,15 @@ def collide(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders | N
         _find_standing(model, data, cylinders, shapes)
     else:
         _find_contacts(model, data)
-    if cylinders.beside and data.ncon and bool(np.all(cylinders.rods[data.contact.geom], axis=1).any()):
-        # compiled code, which reading other scenes should not load
+    if data.ncon == 0:
+        return
+    kinds = model.geom_type[data.contact.geom]
+    # imports of compiled code, which reading other scenes should not load
+    if len(cylinders.cylinders) and bool((kinds == _CYLINDER).any()):
+        from impactlaw.scene.corrected.rounding import put_on_axes
+
+        put_on_axes(*shapes, data.contact.geom, data.contact.pos, data.contact.frame)
+    if cylinders.beside and bool(((kinds == _CYLINDER) | (kinds == _CAPSULE)).all(axis=1).any()):
         from impactlaw.scene.corrected.side_by_side import END, find_ends_of_lines
 
         found, first = data.contact, np.empty((data.ncon + 1, END))

@@ -1,4 +1,4 @@
-"""MuJoCo's contacts, corrected: those of capsules and cylinders with planes where they consist of rounding errors.
+"""MuJoCo's contacts, corrected: those of capsules and cylinders where they consist of rounding errors.
 
 Contact frames are made orthogonal, so that friction acts in the tangent plane. MuJoCo aligns the first tangent of a
 contact between a capsule and a plane with the axis of the capsule. If the axis is the normal, this tangent consists of
@@ -7,6 +7,10 @@ rounding errors and has a normal part. Friction would then act like a normal imp
 Distances of cylinders that stand on a plane are measured again. MuJoCo looks for the lowest point of the rim. If the
 axis is tilted by an angle a from the normal, the height of that point has an error of some 1e-16 / a times the radius:
 a cylinder at rest on its face would be lifted and dropped, and may have no contact at all.
+
+The normal of a contact on the side or the rim of a cylinder meets its axis. MuJoCo's points on boxes and meshes miss it
+by up to a percent of the radius, since all points nearby are almost equally near. A cylinder that lies on a table
+would roll away: its contact points are moved to where the normal meets the axis.
 """
 
 from __future__ import annotations
@@ -15,10 +19,11 @@ import mujoco
 import numpy as np
 
 from impactlaw.compiled import compiled, for_python
-from impactlaw.scene.tolerances import ORTHOGONAL, ROUNDED, STANDS, UPRIGHT
+from impactlaw.scene.tolerances import MISSES_AXIS, ORTHOGONAL, PARALLEL, ROUNDED, STANDS, UPRIGHT
 from impactlaw.solvers.cones.algebra.loops import plain
 
 _PLANE, _CYLINDER = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
+_BOX, _MESH, _FIELD = (int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("BOX", "MESH", "HFIELD"))
 
 
 @plain
@@ -110,6 +115,44 @@ def measure_standing(kind, size, place, turn, geom, dist, pos, frame):
 
 measure_again = for_python(measure_standing)
 """The form of `measure_standing` that Python calls."""
+
+
+@plain
+def meet_axes(kind, size, place, turn, geom, pos, frame):
+    """Move contact points of cylinders on boxes and meshes along the surface so that normals meet the axes.
+
+    Return whether any moves. Contacts of the flat ends of cylinders stay as they are. For the arguments see
+    `measure_standing`; ``pos`` is written.
+    """
+    moved = False
+    for k in range(len(pos)):
+        own, other = geom[k, 0], geom[k, 1]
+        if own >= 0 and other >= 0 and kind[own] != _CYLINDER:
+            own, other = other, own
+        if own < 0 or other < 0 or kind[own] != _CYLINDER:
+            continue
+        if kind[other] != _BOX and kind[other] != _MESH and kind[other] != _FIELD:
+            continue
+        cosine, miss = 0.0, 0.0
+        for i in range(3):
+            a, b = (i + 1) % 3, (i + 2) % 3
+            cosine += turn[own, 3 * i + 2] * frame[k, i]
+            aside = turn[own, 3 * a + 2] * frame[k, b] - turn[own, 3 * b + 2] * frame[k, a]
+            miss += aside * (pos[k, i] - place[own, i])
+        square = 1.0 - cosine * cosine
+        far = MISSES_AXIS * size[own, 0] * np.sqrt(square)  # beyond, it is the normal that is wrong
+        if abs(cosine) > PARALLEL or abs(miss) <= ROUNDED or abs(miss) > far:
+            continue
+        moved = True
+        for i in range(3):
+            a, b = (i + 1) % 3, (i + 2) % 3
+            aside = turn[own, 3 * a + 2] * frame[k, b] - turn[own, 3 * b + 2] * frame[k, a]
+            pos[k, i] -= aside * miss / square
+    return moved
+
+
+put_on_axes = for_python(meet_axes)
+"""The form of `meet_axes` that Python calls."""
 
 
 @plain

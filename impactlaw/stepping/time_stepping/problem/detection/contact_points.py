@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from impactlaw.compiled import for_python
-from impactlaw.scene.corrected.rounding import make_orthogonal
+from impactlaw.scene.corrected.rounding import make_orthogonal, meet_axes
 from impactlaw.solvers.cones.algebra.loops import kernel, plain
 from impactlaw.stepping.compiled.left_out.hidden_edges import hide_edges
 
@@ -125,8 +125,9 @@ def mend(contacts, dim, bodies, shapes, at):
         shapes: MuJoCo's geom_type, geom_size, geom_xpos and geom_xmat.
         at: addresses of the model and of its data.
     """
-    (dist, pos, frame, geom), (body_of_geom, weld, tree) = contacts, bodies
+    (dist, pos, frame, geom), (body_of_geom, weld, tree), (kind, size, place, turn) = contacts, bodies, shapes
     turned = make_orthogonal(frame)
+    turned = meet_axes(kind, size, place, turn, geom, pos, frame) or turned
     turned = hide_edges(dist, pos, frame, geom, body_of_geom, weld, tree, shapes, at) or turned
     moved = put_on_bodies(dist, pos, frame, dim, geom, body_of_geom, weld, tree)
     return put_on_planes(dist, pos, frame, geom, body_of_geom, weld) or moved or turned
