@@ -18,6 +18,7 @@ UPRIGHT = 1e-10  # sine of the tilt up to which a cylinder on a plane has an axi
 STANDS = 1.0 - 1e-6  # cosine of the tilt up to which its distance is measured again; MuJoCo measures larger tilts well
 ROUNDED = 1e-13  # m: largest error of a distance that is left as it is
 MISSES_AXIS = 5e-2  # distance, relative to the radius, by which the normal of a contact may miss a cylinder's axis
+SAME_NORMAL = 1e-9  # difference of normals up to which points are on one face
 SIDE_BY_SIDE = 5e-2  # tangent of the angle between the axes of two cylinders up to which they touch along a line
 CROSSED = 1e-2
 """Distance by which one axis passes beside the other at the ends of that line, relative to the sum of the radii, at

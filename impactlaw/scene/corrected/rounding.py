@@ -8,9 +8,9 @@ Distances of cylinders that stand on a plane are measured again. MuJoCo looks fo
 axis is tilted by an angle a from the normal, the height of that point has an error of some 1e-16 / a times the radius:
 a cylinder at rest on its face would be lifted and dropped, and may have no contact at all.
 
-The normal of a contact on the side or the rim of a cylinder meets its axis. MuJoCo's points on boxes and meshes miss it
-by up to a percent of the radius, since all points nearby are almost equally near. A cylinder that lies on a table
-would roll away: its contact points are moved to where the normal meets the axis.
+The normal of a contact on the side of a cylinder meets its axis. MuJoCo's points on faces of boxes and meshes miss it
+by up to a percent of the radius, since all points nearby are almost equally near. A cylinder that lies on a table would
+roll away: its contact points are moved to where the normal meets the axis.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.compiled import compiled, for_python
-from impactlaw.scene.tolerances import MISSES_AXIS, ORTHOGONAL, PARALLEL, ROUNDED, STANDS, UPRIGHT
+from impactlaw.scene.tolerances import MISSES_AXIS, ORTHOGONAL, PARALLEL, ROUNDED, SAME_NORMAL, STANDS, UPRIGHT
 from impactlaw.solvers.cones.algebra.loops import plain
 
 _PLANE, _CYLINDER = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
@@ -118,8 +118,24 @@ measure_again = for_python(measure_standing)
 
 
 @plain
+def _is_on_face(kind, turn, geom, frame, k, other):
+    """Return whether a contact is one of several on a face of the geom ``other``; the normals of edges are vague."""
+    for j in (k - 1, k + 1):
+        if 0 <= j < len(geom) and geom[j, 0] == geom[k, 0] and geom[j, 1] == geom[k, 1]:
+            turned, along = 0.0, 0.0
+            for i in range(3):
+                turned = max(turned, abs(frame[j, i] - frame[k, i]))
+                straight = 0.0
+                for m in range(3):
+                    straight += turn[other, 3 * m + i] * frame[k, m]
+                along = max(along, abs(straight))
+            return turned <= SAME_NORMAL and (kind[other] != _BOX or along >= 1.0 - SAME_NORMAL)
+    return False
+
+
+@plain
 def meet_axes(kind, size, place, turn, geom, pos, frame):
-    """Move contact points of cylinders on boxes and meshes along the surface so that normals meet the axes.
+    """Move contact points of cylinders that lie on faces along these so that normals meet the axes.
 
     Return whether any moves. Contacts of the flat ends of cylinders stay as they are. For the arguments see
     `measure_standing`; ``pos`` is written.
@@ -132,6 +148,8 @@ def meet_axes(kind, size, place, turn, geom, pos, frame):
         if own < 0 or other < 0 or kind[own] != _CYLINDER:
             continue
         if kind[other] != _BOX and kind[other] != _MESH and kind[other] != _FIELD:
+            continue
+        if not _is_on_face(kind, turn, geom, frame, k, other):
             continue
         cosine, miss = 0.0, 0.0
         for i in range(3):
