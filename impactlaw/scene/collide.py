@@ -11,8 +11,8 @@ from impactlaw.errors import SceneError
 from impactlaw.scene.pairs import some_side_by_side
 
 _FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL)
-_PLANE, _CYLINDER, _CAPSULE = (
-    int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("PLANE", "CYLINDER", "CAPSULE")
+_PLANE, _CYLINDER, _CAPSULE, *_WITH_FACES = (
+    int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("PLANE", "CYLINDER", "CAPSULE", "BOX", "MESH", "HFIELD")
 )
 
 
@@ -21,16 +21,21 @@ class Cylinders(NamedTuple):
 
     planes: np.ndarray  # on which cylinders can stand
     cylinders: np.ndarray
+    is_cylinder: np.ndarray  # bool (ngeom,)
+    is_long: np.ndarray  # whether a geom is a cylinder or a capsule, bool (ngeom,)
+    on_faces: bool  # whether these can lie on the faces of boxes, meshes or height fields
     beside: bool  # whether two cylinders or capsules can touch side by side
 
 
 def cylinders_of(model: mujoco.MjModel) -> Cylinders | None:
     """Return the planes and cylinders of a scene; None if it has no cylinders, nor capsules that touch side by side."""
-    planes, cylinders = (np.flatnonzero(model.geom_type == kind) for kind in (_PLANE, _CYLINDER))
-    beside = some_side_by_side(model)
+    kind, beside = model.geom_type, some_side_by_side(model)
+    is_cylinder = kind == _CYLINDER
+    planes, cylinders = np.flatnonzero(kind == _PLANE), np.flatnonzero(is_cylinder)
     if not beside and len(cylinders) == 0:
         return None
-    return Cylinders(planes, cylinders, beside)
+    on_faces = len(cylinders) > 0 and bool(np.isin(kind, _WITH_FACES).any())
+    return Cylinders(planes, cylinders, is_cylinder, is_cylinder | (kind == _CAPSULE), on_faces, beside)
 
 
 def collide(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders | None = None) -> None:
@@ -41,30 +46,32 @@ def collide(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders | N
     if cylinders is None:
         _find_contacts(model, data)
         return
-    shapes = model.geom_type, model.geom_size, data.geom_xpos, data.geom_xmat
     if _can_stand(model, cylinders):
-        _find_standing(model, data, cylinders, shapes)
+        _find_standing(model, data, cylinders)
     else:
         _find_contacts(model, data)
-    if data.ncon == 0:
+    if data.ncon == 0 or not (cylinders.on_faces or cylinders.beside):
         return
-    kinds = model.geom_type[data.contact.geom]
+    geoms = data.contact.geom
     # imports of compiled code, which reading other scenes should not load
-    if len(cylinders.cylinders) and bool((kinds == _CYLINDER).any()):
+    if cylinders.on_faces and np.count_nonzero(cylinders.is_cylinder[geoms]):
         from impactlaw.scene.corrected.rounding import put_on_axes
 
-        put_on_axes(*shapes, data.contact.geom, data.contact.pos, data.contact.frame)
-    if cylinders.beside and bool(((kinds == _CYLINDER) | (kinds == _CAPSULE)).all(axis=1).any()):
+        put_on_axes(*_shapes(model, data), geoms, data.contact.pos, data.contact.frame)
+    long = cylinders.is_long[geoms]
+    if cylinders.beside and np.count_nonzero(long[:, 0] & long[:, 1]):
         from impactlaw.scene.corrected.side_by_side import END, find_ends_of_lines
 
         found, first = data.contact, np.empty((data.ncon + 1, END))
-        find_ends_of_lines(shapes, found.geom, found.includemargin, found.dist, found.pos, found.frame, first)
+        find_ends_of_lines(_shapes(model, data), geoms, found.includemargin, found.dist, found.pos, found.frame, first)
         _add(model, data, first)
 
 
-def _find_standing(
-    model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders, shapes: tuple[np.ndarray, ...]
-) -> None:
+def _shapes(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarray, ...]:
+    return model.geom_type, model.geom_size, data.geom_xpos, data.geom_xmat
+
+
+def _find_standing(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders) -> None:
     """Find contacts, those of cylinders that stand on planes with the right distances."""
     # compiled code, which reading other scenes should not load
     from impactlaw.scene.corrected.rounding import align, measure_again
@@ -77,7 +84,7 @@ def _find_standing(
         data.geom_xmat[:] = frames
     if data.ncon:
         found = data.contact
-        measure_again(*shapes, found.geom, found.dist, found.pos, found.frame)
+        measure_again(*_shapes(model, data), found.geom, found.dist, found.pos, found.frame)
 
 
 def _add(model: mujoco.MjModel, data: mujoco.MjData, ends: np.ndarray) -> None:
@@ -95,7 +102,8 @@ def _can_stand(model: mujoco.MjModel, geoms: Cylinders) -> bool:
     if len(geoms.cylinders) == 0 or len(geoms.planes) == 0:
         return False
     masks = model.geom_contype | model.geom_conaffinity
-    return model.npair > 0 or all(bool(np.count_nonzero(masks[some])) for some in (geoms.planes, geoms.cylinders))
+    some = np.count_nonzero(masks[geoms.planes]) and np.count_nonzero(masks[geoms.cylinders])
+    return model.npair > 0 or bool(some)
 
 
 def _find_contacts(model: mujoco.MjModel, data: mujoco.MjData) -> None:

@@ -60,6 +60,15 @@ def _can_lie(kind, one, other):
 
 
 @plain
+def some_can_lie(kind, geom):
+    """Return whether any contacts, with geoms (ncon, 2), are those of cylinders or capsules with each other."""
+    some = False
+    for k in range(len(geom)):
+        some = some or _can_lie(kind, geom[k, 0], geom[k, 1])
+    return some
+
+
+@plain
 def _find_line(shapes, one, other, sign):
     """Return first and last coordinate of a common line along the axis of one cylinder, m, and the normal of contact.
 

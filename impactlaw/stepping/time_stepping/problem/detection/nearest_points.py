@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.compiled import for_python
-from impactlaw.scene.corrected.side_by_side import END, find_ends
+from impactlaw.scene.corrected.side_by_side import END, find_ends, some_can_lie
 from impactlaw.scene.tolerances import APART
 from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain
 from impactlaw.stepping.compiled import libmujoco as mj
@@ -152,7 +152,10 @@ def add_ends(contacts, reach, shapes, at):
         shapes: MuJoCo's geom_type, geom_size, geom_xpos and geom_xmat.
         at: addresses of the model and of its data.
     """
-    (dist, pos, frame, geom), room, added = contacts, numbers(END * (len(reach) + 1)), 0
+    dist, pos, frame, geom = contacts
+    if not some_can_lie(shapes[0], geom):
+        return False
+    room, added = numbers(END * (len(reach) + 1)), 0
     first = room.reshape((len(reach) + 1, END))
     some = find_ends(shapes, geom, reach, dist, pos, frame, first)
     many = int(first[len(reach), 0])
