@@ -37,7 +37,7 @@ def read_geometry(model: mujoco.MjModel) -> list[Group]:
             geoms = np.flatnonzero(visible & (model.geom_type == kind) & (moving != fixed))
             path = f"{SCENE}/fixed/{name}" if fixed else f"{SCENE}/{name}"
             if name in ("hfield", "mesh", "sdf"):  # rerun has one mesh per entity
-                parts = [(f"{path}/{geom}", np.array([geom]), _surface(model, geom)) for geom in geoms.tolist()]
+                parts = [(f"{path}/{same[0]}", same, _surface(model, same[0])) for same in _alike(model, geoms)]
             else:
                 parts = [(path, geoms, _primitives(model, name, geoms))] if len(geoms) else []
             groups += [Group(path, model.geom_bodyid[ids], archetype, fixed) for path, ids, archetype in parts]
@@ -95,29 +95,41 @@ def _primitives(model: mujoco.MjModel, kind: str, geoms: np.ndarray) -> Any:
             return rr.Boxes3D(half_sizes=half_sizes, centers=center - thickness * axis, **style)
 
 
+def _alike(model: mujoco.MjModel, geoms: np.ndarray) -> list[np.ndarray]:
+    """Return the geoms in groups that look the same in the frames of their bodies, so that one mesh draws them all."""
+    looks = np.column_stack([model.geom_dataid, colors(model), model.geom_pos, model.geom_quat])[geoms]
+    groups: dict[bytes, list[int]] = {}
+    for geom, look in zip(geoms.tolist(), looks, strict=True):
+        groups.setdefault(look.tobytes(), []).append(geom)
+    return [np.array(same) for same in groups.values()]
+
+
 def _surface(model: mujoco.MjModel, geom: int) -> Any:
     import rerun as rr
 
     is_field = int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_HFIELD)
-    corners, normals = (_height_field if is_field else _mesh)(model, int(model.geom_dataid[geom]))
+    vertices, normals, triangles = (_height_field if is_field else _mesh)(model, int(model.geom_dataid[geom]))
     rotation = _rotation(model.geom_quat[geom])
     return rr.Mesh3D(
-        vertex_positions=corners @ rotation.T + model.geom_pos[geom],
+        vertex_positions=vertices @ rotation.T + model.geom_pos[geom],
         vertex_normals=normals @ rotation.T,
+        triangle_indices=triangles,
         albedo_factor=colors(model)[geom],
     )
 
 
-def _mesh(model: mujoco.MjModel, mesh: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the corners of all triangles in sequence, and the normals with which MuJoCo shades them."""
+def _mesh(model: mujoco.MjModel, mesh: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return vertices, each with one of the normals with which MuJoCo shades it, and the triangles between them."""
     start, count = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
     corners = model.mesh_face[start : start + count].ravel() + model.mesh_vertadr[mesh]
     normals = model.mesh_facenormal[start : start + count].ravel() + model.mesh_normaladr[mesh]
-    return model.mesh_vert[corners], model.mesh_normal[normals]
+    pairs, triangles = np.unique(corners * np.int64(model.nmeshnormal) + normals, return_inverse=True)
+    vertex, normal = np.divmod(pairs, model.nmeshnormal)
+    return model.mesh_vert[vertex], model.mesh_normal[normal], triangles.reshape(-1, 3)
 
 
-def _height_field(model: mujoco.MjModel, field: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the corners of all triangles in sequence, and flat normals."""
+def _height_field(model: mujoco.MjModel, field: int) -> tuple[np.ndarray, np.ndarray, None]:
+    """Return the corners of all triangles in sequence, and flat normals, which triangles do not share."""
     rows, columns = int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
     half_x, half_y, top, _ = model.hfield_size[field]
     start = model.hfield_adr[field]
@@ -128,7 +140,7 @@ def _height_field(model: mujoco.MjModel, field: int) -> tuple[np.ndarray, np.nda
     triangles = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return triangles.reshape(-1, 3), np.repeat(normals, 3, axis=0)
+    return triangles.reshape(-1, 3), np.repeat(normals, 3, axis=0), None
 
 
 def _rotation(quaternion: np.ndarray) -> np.ndarray:

@@ -138,6 +138,7 @@ def test_geoms_stand_where_mujoco_has_them(kinds):
                 corners = numbers(group.archetype.vertex_positions, 3) @ frame.T + body.xpos
                 local = (corners - data.geom_xpos[geom]) @ geom_frame
                 if "mesh" in group.path:
+                    local = local[numbers(group.archetype.triangle_indices, 3).ravel()]
                     np.testing.assert_allclose(local, model.mesh_vert[model.mesh_face.ravel()], atol=1e-6)
                 else:
                     np.testing.assert_allclose(local.min(axis=0), [-1, -0.8, 0], atol=1e-6)
@@ -167,7 +168,37 @@ def test_normals_are_of_length_one_and_those_that_mujoco_shades_with(kinds):
     (mesh,), rotation = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_MESH), np.zeros(9)
     mujoco.mju_quat2Mat(rotation, model.geom_quat[mesh])
     shaded = model.mesh_normal[model.mesh_facenormal.ravel()]
-    np.testing.assert_allclose(normals[True], shaded @ rotation.reshape(3, 3).T, atol=1e-6)
+    (drawn,) = (group.archetype for group in read_geometry(model) if "mesh" in group.path)
+    of_corners = normals[True][numbers(drawn.triangle_indices, 3).ravel()]
+    np.testing.assert_allclose(of_corners, shaded @ rotation.reshape(3, 3).T, atol=1e-6)
+
+
+BUMP = """
+<mujoco>
+  <asset><mesh name="bump" builtin="sphere" params="4"/></asset>
+  <worldbody>
+    <replicate count="5" offset="0 0 3"><body name="bump" pos="0 0 3"><freejoint/>
+      <geom type="mesh" mesh="bump"/>
+    </body></replicate>
+    <body name="red" pos="3 0 0"><freejoint/><geom type="mesh" mesh="bump" rgba="1 0 0 1"/></body>
+    <body name="turned" pos="6 0 0"><freejoint/><geom type="mesh" mesh="bump" euler="0 90 0"/></body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def test_a_vertex_of_a_mesh_is_written_once_for_all_bodies_that_look_the_same(tmp_path):
+    model = mujoco.MjModel.from_xml_string(BUMP)
+    data = mujoco.MjData(model)
+    with Recorder(model, tmp_path / "run.rrd") as recorder:
+        recorder.step(data)
+    mujoco.mj_kinematics(model, data)
+    written = [group.archetype.vertex_positions for group in read_geometry(model)]
+    assert [len(vertices) for vertices in written] == [model.nmeshvert] * 3  # five of a kind, a red and a turned one
+    recording = read_log(tmp_path / "run.rrd")
+    for body in range(1, model.nbody):
+        position = recording.series(f"position/{model.body(body).name}")[1]
+        np.testing.assert_array_equal(position, np.float32([data.xpos[body]]))
 
 
 def numbers(batch, width):
