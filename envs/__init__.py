@@ -36,6 +36,7 @@ for _entry_point, _worlds, _steps, _solved in (
 for _name in ("Hopper-v5", "Walker2d-v5", "HalfCheetah-v5", "Ant-v5", "Humanoid-v5"):
     gymnasium.register(
         f"impactlaw/{_name}",
+        entry_point="impactlaw.envs.vector.walkers:refuse_one_robot",
         vector_entry_point="impactlaw.envs.vector.walkers:make_robots",
         max_episode_steps=1000,
         kwargs={"name": _name},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any, Literal, NoReturn
 
 import numpy as np
 from gymnasium import spaces
@@ -111,6 +111,14 @@ def make_robots(
         task, num_envs, chosen, contact_model=contact_model, nthread=nthread, max_episode_steps=max_episode_steps,
         autoreset_mode=autoreset_mode, options=batch_options,
     )  # fmt: skip
+
+
+def refuse_one_robot(*, name: str, **_: Any) -> NoReturn:
+    """Raise an OptionError that says how one robot is made, since `make_robots` makes many worlds only."""
+    raise OptionError(
+        f'impactlaw/{name} is made by gymnasium.make_vec("impactlaw/{name}", num_envs), as worlds that step together; '
+        f'for a single environment take ImpactLaw(gymnasium.make("{name}"), law, ...)'
+    )
 
 
 def _of_robots(name: str, options: dict[str, Any], contact_model: str) -> dict[str, Any]:

@@ -302,6 +302,6 @@ class VectorWorlds(PortableSpec, VectorEnv):  # pyright: ignore[reportIncompatib
 def _autoreset_mode(mode: Any) -> AutoresetMode:
     """Return gymnasium's mode; raise UnknownNameError if there is none of this value."""
     modes = [one.value for one in AutoresetMode]
-    if mode not in (*AutoresetMode, *modes):
+    if not isinstance(mode, (AutoresetMode, str)) or mode not in (*AutoresetMode, *modes):
         raise UnknownNameError("autoreset_mode", mode, modes)
     return AutoresetMode(mode)

@@ -9,6 +9,7 @@ import gymnasium
 from gymnasium.envs.registration import EnvSpec, load_env_creator
 
 from impactlaw.envs import ImpactEnv, ImpactLaw, RandomLaw
+from impactlaw.envs.vector.walkers import refuse_one_robot
 from impactlaw.errors import StudyError
 from impactlaw.studies.laws import StatedLaw
 from impactlaw.studies.study import Scheme
@@ -49,9 +50,9 @@ class Conditions:
 def is_own(task: str) -> bool:
     """Return whether a task is an `ImpactEnv`, which takes a law without a wrapper."""
     entry = spec_of(task).entry_point
-    if entry is None:
-        raise StudyError(f"task {task!r} is of many worlds at a time; name the task of one world")
     creator = load_env_creator(entry) if isinstance(entry, str) else entry
+    if creator is None or creator is refuse_one_robot:
+        raise StudyError(f"task {task!r} is of many worlds at a time; name the task of one world")
     return isinstance(creator, type) and issubclass(creator, ImpactEnv)
 
 

@@ -95,7 +95,7 @@ def test_the_mode_is_in_the_spec_and_cannot_be_changed(name: str, mode: Autorese
         again.autoreset_mode = AutoresetMode.NEXT_STEP
 
 
-@pytest.mark.parametrize("wrong", ["same-step", None, 3])
+@pytest.mark.parametrize("wrong", ["same-step", None, 3, np.array(["SameStep", "NextStep"]), ["SameStep"]], ids=str)
 def test_an_unknown_mode_is_refused(wrong: Any):
     with pytest.raises(UnknownNameError, match="autoreset_mode"):
         gymnasium.make_vec(HOPPER, num_envs=2, autoreset_mode=wrong)

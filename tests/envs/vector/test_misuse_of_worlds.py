@@ -27,6 +27,15 @@ NAME = "impactlaw/Juggler-v0"
 WORLDS = "vector_entry_point"
 
 
+@pytest.mark.parametrize("mode", [None, "sync"])
+def test_one_robot_of_those_that_are_many_worlds(mode):
+    with pytest.raises(OptionError, match=r"make_vec\(.*ImpactLaw\(gymnasium.make\(\"Ant-v5\"\)"):
+        if mode is None:
+            gymnasium.make("impactlaw/Ant-v5")
+        else:
+            gymnasium.make_vec("impactlaw/Ant-v5", 2, vectorization_mode=mode)
+
+
 def test_a_step_before_the_first_reset(vec):
     with pytest.raises(ResetNeeded, match=r"begin with reset\(\)"):
         vec.step(np.zeros((3, 1)))
