@@ -131,6 +131,7 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         options = LawOptions(law=law, restitution=restitution, **settled)
         self._placed: PlacedLaw | None = place(env, options, episode_log(log, log_every))
         self._observation: Any = None
+        self._reward: Any = 0.0
 
     @property
     def law(self) -> Law | None:
@@ -235,7 +236,7 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
                 raise
             return self._cut_off(placed, action)
         placed.check_stepped(start)
-        self._observation = observation
+        self._observation, self._reward = observation, reward
         truncated = truncated or placed.diverged
         placed.record_step(action, reward, terminated, truncated)
         return observation, reward, terminated, truncated, info | placed.info()
@@ -258,8 +259,9 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
 
     def _cut_off(self, placed: PlacedLaw, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Return the result of a step that diverged: the last observation, reward 0, and a truncated episode."""
-        placed.record_step(action, 0.0, False, True)
-        return self._observation, 0.0, False, True, placed.info()
+        reward = np.zeros_like(self._reward) if np.ndim(self._reward) else 0.0  # one zero for each of its objectives
+        placed.record_step(action, reward, False, True)
+        return self._observation, reward, False, True, placed.info()
 
     def __copy__(self) -> ImpactLaw:
         """Return another wrapper around the same environment, which shares the law in it."""

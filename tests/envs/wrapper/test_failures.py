@@ -51,6 +51,23 @@ def test_divergence_ends_the_episode(name, steps, field):
     assert env.step(env.action_space.sample())[4]["impact/diverged"] == 0
 
 
+class TwoRewards(gymnasium.RewardWrapper):
+    """Rewards of several objectives, as those of mo-gymnasium."""
+
+    def reward(self, reward):
+        return np.array([reward, 1.0], dtype=np.float32)
+
+
+def test_a_reward_of_several_objectives_has_as_many_zeros_after_divergence():
+    env = ImpactLaw(TwoRewards(gymnasium.make("Hopper-v5")), "moreau", 0.5)
+    env.reset(seed=0)
+    env.step(np.zeros(3))
+    _, reward, _, truncated, _ = env.step(np.full(3, np.nan))
+    assert truncated
+    assert isinstance(reward, np.ndarray)
+    assert (reward.tolist(), reward.dtype) == ([0.0, 0.0], np.float32)
+
+
 @pytest.mark.usefixtures("quiet")
 @pytest.mark.parametrize("name", ["Hopper-v5", "Ant-v5", "HalfCheetah-v5"])
 def test_a_force_of_any_size_moves_or_diverges(name):
