@@ -122,8 +122,9 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         if not isinstance(env, gymnasium.Env):
             raise WrapperError(
                 f"ImpactLaw is for a gymnasium.Env, got a {type(env).__module__}.{type(env).__name__}; a bare "
-                "environment of dm_control gets its law by impactlaw.envs.put_law, and of several environments each "
-                "has an ImpactLaw of its own"
+                "environment of dm_control gets its law by impactlaw.envs.put_law, one of several agents by an "
+                "ImpactLaw around the environment inside (env.single_agent_env = ImpactLaw(env.single_agent_env, ...)) "
+                "and of several environments each has an ImpactLaw of its own"
             )
         super().__init__(env)
         for name, value in (settled | logged).items():

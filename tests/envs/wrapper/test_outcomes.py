@@ -22,6 +22,7 @@ from wrapped import (
 
 from impactlaw import LinearMap, Newton
 from impactlaw.envs import ImpactLaw
+from impactlaw.errors import WrapperError
 from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.scene.read import read_contacts
 
@@ -159,6 +160,21 @@ def test_ant_on_rigid_contact_with_friction(scheme, opened):
         kinds |= {type(event.impact) for event in env.events}
     assert FrictionImpact in kinds
     env.close()
+
+
+def test_a_robot_of_several_agents():
+    robotics = pytest.importorskip("gymnasium_robotics", reason="its robots of several agents are not tested")
+    env = robotics.mamujoco_v1.parallel_env("Ant", "2x4")
+    with pytest.raises(WrapperError, match=r"env.single_agent_env = ImpactLaw\("):
+        ImpactLaw(env, "moreau", 0.5)
+    env.single_agent_env = ImpactLaw(env.single_agent_env, "moreau", 0.5)
+    env.reset(seed=0)
+    count = 0
+    for _ in range(12):
+        *_, infos = env.step({agent: np.zeros(env.action_space(agent).shape) for agent in env.agents})
+        assert {info["impact/law"] for info in infos.values()} == {"Moreau(restitution=0.5)"}
+        count += infos["agent_0"]["impact/count"]
+    assert count > 0
 
 
 def test_gymnasium_robotics():
