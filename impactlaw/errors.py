@@ -35,6 +35,16 @@ class UnknownNameError(ImpactLawError, ValueError):
         super().__init__(f"unknown {kind} {str(name)!r}; {hint}")
 
 
+def instead_of(value: object) -> str:
+    """Return what to add to a message where MuJoCo's own object is wanted, "" if the value does not stand for one.
+
+    Wrappers of dm_control, such as ``physics.model``, hold it, and a `mujoco.MjSpec` makes one.
+    """
+    if hasattr(value, "ptr"):
+        return " (dm_control's wrapper: its attribute ptr is MuJoCo's own, as physics.model.ptr and physics.data.ptr)"
+    return " (a specification: its method compile() returns the model)" if hasattr(value, "recompile") else ""
+
+
 def _listed(names: Sequence[str]) -> str:
     more = len(names) - _MOST_LISTED
     return ", ".join(names[:_MOST_LISTED]) + (f" and {more} more" if more > 0 else "")

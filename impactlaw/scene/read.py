@@ -8,7 +8,7 @@ import numbers
 import mujoco
 import numpy as np
 
-from impactlaw.errors import DivergenceError, InvalidCollisionError, OptionError, SceneError
+from impactlaw.errors import DivergenceError, InvalidCollisionError, OptionError, SceneError, instead_of
 from impactlaw.scene.contacts import Contacts, is_data_of, mass_matrix, update_positions
 from impactlaw.scene.detection import Detector, Found
 from impactlaw.scene.friction_rows import FrictionRows, find_tangents, learn_friction
@@ -73,7 +73,7 @@ def _friction(model: mujoco.MjModel, data: mujoco.MjData, contacts: Contacts) ->
 def _check_state(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     """Raise `SceneError` unless data is the state of the model; the arrays of another model may differ in size."""
     if not isinstance(model, mujoco.MjModel) or not isinstance(data, mujoco.MjData):
-        kinds = f"{type(model).__name__} and {type(data).__name__}"
+        kinds = f"{type(model).__name__} and {type(data).__name__}{instead_of(model)}"
         raise SceneError(f"contacts are read from a mujoco.MjModel and its mujoco.MjData, got {kinds}")
     if not is_data_of(model, data):
         raise SceneError("data belongs to another model than the one it is given with")

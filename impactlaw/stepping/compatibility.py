@@ -9,7 +9,7 @@ from itertools import compress
 import mujoco
 import numpy as np
 
-from impactlaw.errors import OptionError, RestitutionError, SceneError
+from impactlaw.errors import OptionError, RestitutionError, SceneError, instead_of
 from impactlaw.laws import Coulomb, Fremond, Law, LinearMap, Routh
 from impactlaw.laws.restitution.coefficients import ContactCoefficients
 from impactlaw.laws.restitution.labels import canonical, check_labels
@@ -45,8 +45,8 @@ def check_model(model: object) -> None:
     """
     if not isinstance(model, mujoco.MjModel):
         raise SceneError(
-            f"a model is a mujoco.MjModel, got {model!r:.100}; impactlaw.models.load and mujoco.MjModel.from_xml_path "
-            "make one of a file"
+            f"a model is a mujoco.MjModel, got {model!r:.100}{instead_of(model)}; impactlaw.models.load and "
+            "mujoco.MjModel.from_xml_path make one of a file"
         )
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 import mujoco
 
-from impactlaw.errors import ManyCollisionsWarning, SceneError, UnknownNameError
+from impactlaw.errors import ManyCollisionsWarning, SceneError, UnknownNameError, instead_of
 from impactlaw.laws import Law
 from impactlaw.laws.restitution.from_scene import scene_law
 from impactlaw.scene.contacts import is_data_of
@@ -326,7 +326,7 @@ class Stepper:
 
 def _check_data(model: mujoco.MjModel, data: object) -> None:
     if not isinstance(data, mujoco.MjData):
-        raise SceneError(f"data is the mujoco.MjData of the scene, got {data!r:.100}")
+        raise SceneError(f"data is the mujoco.MjData of the scene, got {data!r:.100}{instead_of(data)}")
     if not is_data_of(model, data):
         raise SceneError("data belongs to another model than the one that this stepper was made with")
 

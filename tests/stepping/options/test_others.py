@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from stepping.options.ways import WAYS, ball, every_way, rebound
 
-from impactlaw import MaximalDissipation, Moreau, Newton, Stepper
+from impactlaw import MaximalDissipation, Moreau, Newton, Stepper, read_contacts
 from impactlaw.errors import (
     DivergenceError,
     ImpactLawError,
@@ -107,6 +107,20 @@ def test_a_time_that_is_none(scheme):
 def test_a_path_is_no_model():
     with pytest.raises(SceneError, match=r"a model is a mujoco\.MjModel, got 'scene\.xml'"):
         Stepper("scene.xml", Moreau(0.5))
+
+
+def test_what_stands_for_a_model_is_refused_with_the_way_to_one():
+    mjcf = pytest.importorskip("dm_control.mjcf", reason="dm_control is not installed")
+    physics = mjcf.Physics.from_xml_string("<mujoco/>")
+    for refused in (lambda: Stepper(physics.model, Moreau(0.5)), lambda: read_contacts(physics.model, physics.data)):
+        with pytest.raises(SceneError, match=r"got .* \(dm_control's wrapper: .*physics\.model\.ptr"):
+            refused()
+    stepper = Stepper(physics.model.ptr, Moreau(0.5))
+    with pytest.raises(SceneError, match=r"physics\.data\.ptr"):
+        stepper.step(physics.data)
+    stepper.step(physics.data.ptr)
+    with pytest.raises(SceneError, match=r"MjSpec object .* its method compile\(\)"):
+        Stepper(mujoco.MjSpec(), Moreau(0.5))  # pyright: ignore[reportArgumentType]
 
 
 def test_the_event_of_time_stepping_says_how_much_restitution_was_left():
