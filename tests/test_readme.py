@@ -1,8 +1,11 @@
 """The code of the README and of the pages of the folders runs as printed, and their links exist."""
 
 import re
+import types
 from pathlib import Path
+from typing import Any
 
+import mujoco
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -35,6 +38,38 @@ def test_python_of_a_page_runs(block, tmp_path, monkeypatch, capsys):
 
 def test_there_is_python_in_the_readme():
     assert len(BLOCKS) >= 7
+
+
+THEIRS = """
+import mujoco
+
+class Env:
+    def __init__(self):
+        body = "<body><freejoint/><geom size='.1'/></body>"
+        plane = "<geom type='plane' size='1 1 1' pos='0 0 -.5'/>"
+        self.model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{plane}{body}</worldbody></mujoco>")
+        self.data = mujoco.MjData(self.model)
+
+    def step(self):
+        mujoco.mj_step(self.model, self.data, nstep=5)
+"""
+
+
+def test_a_module_that_steps_by_itself_gets_a_law_as_the_page_says():
+    page = PAGES["envs/README.md"].read_text()
+    (block,) = (part for part in re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL) if "def bounce" in part)
+    names: dict[str, Any] = {}
+    exec(block, names)
+    theirs: Any = types.ModuleType("theirs")
+    exec(THEIRS, theirs.__dict__)
+    env, count, speed = theirs.Env(), 0, 0.0
+    stepper = names["bounce"](theirs, env.model)
+    while env.data.time < 0.4:
+        env.step()
+        count, speed = count + len(stepper.events), max(speed, env.data.qvel[2])
+    assert count == 1
+    assert speed == pytest.approx(0.5 * (2 * 9.81 * 0.4) ** 0.5, rel=0.05)  # half of the speed of the fall
+    assert theirs.mujoco.mj_step is not mujoco.mj_step
 
 
 def anchors(page: Path) -> list[str]:
