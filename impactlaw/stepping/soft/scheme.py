@@ -51,7 +51,6 @@ from impactlaw.stepping.soft.stages import Stages, find_forces
 _RK4, _EULER, _DISCRETE = (int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("RK4", "EULER", "DISCRETE"))
 _ENERGY, _COMPARE = int(mujoco.mjtEnableBit.mjENBL_ENERGY), int(mujoco.mjtEnableBit.mjENBL_FWDINV)
 _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
-_NO_RESET = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
 _NO_ACTUATION = int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
 _BAD = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS", "QVEL", "QACC")]
 
@@ -116,8 +115,7 @@ class SoftStepping:
         time, timestep = data.time, opt.timestep
         if not 0.0 < timestep < math.inf:
             check_timestep(timestep)
-        count = None if time >= timestep and not opt.disableflags & _NO_RESET else _bad_states(data)
-        integrator, surfaces = opt.integrator, self._surfaces
+        count, integrator, surfaces = _bad_states(data), opt.integrator, self._surfaces
         if surfaces is not None:
             surfaces.begin(data, opt.timestep)
         if not self.collides:
@@ -125,8 +123,7 @@ class SoftStepping:
             events = ()
         else:
             events = self._step_from_start(data, integrator)
-        if data.time <= time or count is not None:
-            _refuse_reset(data, time, count)
+        _refuse_reset(data, time, count)
         if surfaces is not None:
             surfaces.end(data)
         return events
@@ -244,9 +241,9 @@ class SoftStepping:
             mujoco.mj_energyVel(model, data)
 
 
-def _refuse_reset(data: mujoco.MjData, time: float, count: int | None) -> None:
+def _refuse_reset(data: mujoco.MjData, time: float, count: int) -> None:
     """Raise DivergenceError if the time, or the count of bad states, shows that MuJoCo has reset itself."""
-    if data.time <= time or (count is not None and _bad_states(data) != count):
+    if data.time <= time or _bad_states(data) != count:
         raise DivergenceError(f"MuJoCo met a state that is not finite, or huge, in the step after t = {time:g} s")
 
 

@@ -134,16 +134,14 @@ class RepeatedStep:
     Args:
         repeater: repeats the steps.
         rows: state before the step, and sums of compiled code, of each step.
-        total: sums over the collisions of all steps, as bytes.
+        total: sums over the collisions of all steps.
+
+    Attributes:
+        sums: sums over the collisions, available without the events.
     """
 
-    def __init__(self, repeater: StepRepeater, rows: np.ndarray, total: bytes):
-        self._repeater, self._rows, self._total = repeater, rows, total
-
-    @cached_property
-    def sums(self) -> ImpactSums:
-        """Sums over the collisions, available without the events."""
-        return sums_in(np.frombuffer(self._total))
+    def __init__(self, repeater: StepRepeater, rows: np.ndarray, total: Iterable[float]):
+        self._repeater, self._rows, self.sums = repeater, rows, sums_in(total)
 
     def __call__(self) -> tuple[ImpactEvent, ...]:
         """Return the collisions as events."""

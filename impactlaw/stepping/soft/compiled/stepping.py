@@ -119,7 +119,7 @@ class CompiledSoftStepping(OneWorld):
             if total[LAST] or total[SHORT]:
                 self._scheme.collisions.unlocated += int(total[LAST])
                 self._scheme.collisions.short_steps += int(total[SHORT])
-            parts.append(RepeatedStep(self._repeater, self._states[:taken].copy(), bytes(total)))
+            parts.append(RepeatedStep(self._repeater, self._states[:taken].copy(), total))
         return taken if how == world.FINE else taken + self._go_on(how, data, steps - taken, parts)
 
     def _go_on(self, how: int, data: mujoco.MjData, steps: int, parts: list[Any]) -> int:
