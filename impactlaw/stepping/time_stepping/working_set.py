@@ -87,7 +87,12 @@ class WorkingSet:
         """
         free, h, begun = data.qvel.copy(), self.model.opt.timestep, self.work[0]
         near, sets = self.reader.near(data, self.velocity, free, 2.0 * h), 1
-        doubtful = self.edges.leave_doubtful(data, near)
+        doubtful = self.edges.leave_fast(data, near)
+        if np.count_nonzero(doubtful):
+            new = self.reader.near(data, free, free, h)
+            self.edges.pass_over(data, self.middle, near, new, doubtful)
+            self.edges.take_back(data, near, new, doubtful)
+        self.edges.leave_edges(data, near, doubtful)
         doubts = np.count_nonzero(doubtful) > 0
         found, current = self._try(data, near, free, known), replace(self, rounds=FEW_ROUNDS)
         while True:

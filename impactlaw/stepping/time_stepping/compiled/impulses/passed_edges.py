@@ -16,7 +16,12 @@ from impactlaw.stepping.compiled.access import (
     velocity_of,
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, floats, long_at
-from impactlaw.stepping.time_stepping.problem.detection.passed_edges import leave_doubtful, pass_over
+from impactlaw.stepping.time_stepping.problem.detection.passed_edges import (
+    leave_edges,
+    leave_fast,
+    pass_over,
+    take_back,
+)
 
 
 @plain
@@ -31,13 +36,25 @@ def _geometry(w):
 
 
 @plain
-def doubt(w, chosen, doubtful):
-    """Leave contacts out that bodies may pass, see `leave_doubtful`."""
+def doubt_fast(w, chosen, doubtful):
+    """Leave contacts of fast bodies out that may miss, see `leave_fast`."""
     if number(w, DATA.ncon) == 0:
         return False
     nbody, extent = size(w, MODEL.nbody), model_floats(w, MODEL.geom_aabb, (size(w, MODEL.ngeom), 6))
     motion = data_floats(w, DATA.cvel, (nbody, 6)), data_floats(w, DATA.subtree_com, (nbody, 3)), extent, w.timestep
-    return leave_doubtful(_contacts(w), _geometry(w), motion, chosen, doubtful)
+    return leave_fast(_contacts(w), _geometry(w), motion, chosen, doubtful)
+
+
+@plain
+def doubt_edges(w, chosen, doubtful):
+    """Leave contacts with edges out that bodies may pass over, see `leave_edges`."""
+    return leave_edges(_contacts(w), _geometry(w), chosen, doubtful)
+
+
+@plain
+def stop_doubting(w, chosen, seen, doubtful):
+    """Let contacts that are seen to close take part, see `take_back`."""
+    take_back(_contacts(w), chosen, seen, doubtful)
 
 
 @plain

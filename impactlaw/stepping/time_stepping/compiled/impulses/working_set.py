@@ -16,7 +16,12 @@ from impactlaw.stepping.time_stepping.compiled.impulses.contact_problem import (
     sees_more,
 )
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import created, forces_at, half, kick, lead_to
-from impactlaw.stepping.time_stepping.compiled.impulses.passed_edges import doubt, look_ahead
+from impactlaw.stepping.time_stepping.compiled.impulses.passed_edges import (
+    doubt_edges,
+    doubt_fast,
+    look_ahead,
+    stop_doubting,
+)
 from impactlaw.stepping.time_stepping.compiled.limits import passes_limit
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, remember_so_far
 from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, keep_known, known_at, rows_at, velocities_at
@@ -82,7 +87,12 @@ def find_impulses(
     still, unseen, begun = free[:0], False, floats(w.work, 1)[0]
     put(free, qvel)
     near(w, jacobian, start, free, 2.0 * h, chosen)
-    doubts = doubt(w, chosen, doubtful)
+    doubts = doubt_fast(w, chosen, doubtful)
+    if doubts:
+        near(w, jacobian, free, free, h, seen)
+        look_ahead(w, jacobian, middle, chosen, seen, doubtful)
+        stop_doubting(w, chosen, seen, doubtful)
+    doubts = doubt_edges(w, chosen, doubtful) or doubts
     found = attempt(
         w, jacobian, chosen, start, still, free, known, rounds, law, phases, mark, room, floats(room.sums, SUMS)
     )  # fmt: skip

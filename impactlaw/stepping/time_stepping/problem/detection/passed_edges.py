@@ -8,7 +8,8 @@ another ball, that a fast ball flies past. Open contacts are therefore left out 
 - of bodies that move along each other by more than a quarter of their half thickness in a timestep.
 
 If the resulting velocity v+ closes them, the gap is measured where it leads, at ``q_M ⊕ h v+``, where the next step
-looks for contacts, and on the way there. Only contacts of bodies that overlap there take part.
+looks for contacts, and on the way there. Only contacts of bodies that overlap there take part. Fast bodies that do so
+with the velocity without contact take part from the beginning.
 """
 
 from __future__ import annotations
@@ -72,8 +73,8 @@ def _is_fast(pair, point, frame, geometry, motion):
 
 
 @kernel
-def leave_doubtful(contacts, geometry, motion, chosen, doubtful):
-    """Leave contacts out that bodies may pass; return whether there are any.
+def leave_fast(contacts, geometry, motion, chosen, doubtful):
+    """Leave contacts out of bodies that move fast along each other and may miss; return whether there are any.
 
     Args:
         contacts: gaps, m, (ncon,), points, (ncon, 3), frames with normals first, at least (ncon, 3), geoms, (ncon, 2),
@@ -83,7 +84,7 @@ def leave_doubtful(contacts, geometry, motion, chosen, doubtful):
         chosen: MuJoCo's rows that take part, bool (nefc,); written.
         doubtful: the contacts that are left out, bool (ncon,), False; written.
     """
-    some, (gap, point, frame, geom, address) = _leave_edges(contacts, geometry, chosen, doubtful), contacts
+    some, (gap, point, frame, geom, address) = False, contacts
     for k in range(len(gap)):
         takes_part = gap[k] > TOUCHING and address[k] >= 0 and chosen[address[k]]
         if takes_part and _can_pass(geom[k], geometry) and _is_fast(geom[k], point[k], frame[k], geometry, motion):
@@ -92,11 +93,21 @@ def leave_doubtful(contacts, geometry, motion, chosen, doubtful):
 
 
 @kernel
-def _leave_edges(contacts, geometry, chosen, doubtful):
+def take_back(contacts, chosen, seen, doubtful):
+    """Let contacts that the velocity without contact closes, see `pass_over`, take part from the beginning."""
+    address = contacts[4]
+    for k in range(len(address)):
+        if doubtful[k] and seen[address[k]]:
+            doubtful[k], chosen[address[k]] = False, True
+
+
+@kernel
+def leave_edges(contacts, geometry, chosen, doubtful):
     """Leave contacts with edges of fixed bodies out that bodies may pass over; return whether there are any.
 
     These are open contacts of a body with a fixed one, if it has a nearer one in another direction. Of two that are
-    equally near, as of a ball that falls into the middle of a groove, both take part.
+    equally near, as of a ball that falls into the middle of a groove, both take part. For the arguments see
+    `leave_fast`.
     """
     (dist, _, frame, geom, address), (_, body_of_geom, weld, tree, _, _), some = contacts, geometry, False
     for k in range(len(dist)):
@@ -115,7 +126,7 @@ def _leave_edges(contacts, geometry, chosen, doubtful):
             if nearest[body] < 0 or dist[k] < dist[nearest[body]]:
                 nearest[body] = k
     for k in range(len(dist)):
-        if not doubtful[k]:
+        if not doubtful[k] or not chosen[address[k]]:
             continue
         own, along = moving_side(geom[k], body_of_geom, tree), 0.0
         s = nearest[weld[body_of_geom[geom[k, own]]]]
@@ -160,7 +171,7 @@ def pass_over(contacts, geometry, extent, jacobian, velocity, timestep, middle, 
     enter by more than `_LOOKS` allow count as bodies that do not pass.
 
     Args:
-        contacts: see `leave_doubtful`, like the next one.
+        contacts: see `leave_fast`, like the next one.
         geometry: properties of geoms and bodies.
         extent: MuJoCo's geom_aabb, (ngeom, 6).
         jacobian: see `rows.Source`.
@@ -171,7 +182,7 @@ def pass_over(contacts, geometry, extent, jacobian, velocity, timestep, middle, 
         at: addresses of the model, of these data, of ``qpos`` and of ``velocity``.
         chosen: MuJoCo's rows that take part already, bool (nefc,).
         seen: rows that the velocity closes, bool (nefc,); written.
-        doubtful: see `leave_doubtful`.
+        doubtful: see `leave_fast`.
     """
     (dist, _, _, geom, address), (_, body_of_geom, _, tree, _, _) = contacts, geometry
     hit, looks, many = cleared(len(dist)), 2, 0
@@ -212,7 +223,7 @@ def _hits(geom, address, at, chosen, seen, doubtful, hit):
     return many
 
 
-_leave_doubtful, _pass_over = map(for_python, (leave_doubtful, pass_over))
+_leave_fast, _leave_edges, _pass_over, _take_back = map(for_python, (leave_fast, leave_edges, pass_over, take_back))
 
 
 class PassedEdges:
@@ -222,12 +233,20 @@ class PassedEdges:
         self._model = model
         self._other: mujoco.MjData | None = None
 
-    def leave_doubtful(self, data: mujoco.MjData, near: np.ndarray) -> np.ndarray:
-        """Return which contacts bodies may pass, bool (ncon,); their rows are taken out of those that are near."""
+    def leave_fast(self, data: mujoco.MjData, near: np.ndarray) -> np.ndarray:
+        """Return the result of `leave_fast`, bool (ncon,); these rows are taken out of those that are near."""
         doubtful, model = np.zeros(data.ncon, dtype=bool), self._model
         motion = data.cvel, data.subtree_com, model.geom_aabb, model.opt.timestep
-        _leave_doubtful(_contacts(data), self._geometry(), motion, near, doubtful)
+        _leave_fast(_contacts(data), self._geometry(), motion, near, doubtful)
         return doubtful
+
+    def take_back(self, data: mujoco.MjData, near: np.ndarray, seen: np.ndarray, doubtful: np.ndarray) -> None:
+        """See the function `take_back`."""
+        _take_back(_contacts(data), near, seen, doubtful)
+
+    def leave_edges(self, data: mujoco.MjData, near: np.ndarray, doubtful: np.ndarray) -> None:
+        """See the function `leave_edges`."""
+        _leave_edges(_contacts(data), self._geometry(), near, doubtful)
 
     def pass_over(
         self, data: mujoco.MjData, middle: np.ndarray, near: np.ndarray, seen: np.ndarray, doubtful: np.ndarray
@@ -239,7 +258,7 @@ class PassedEdges:
             middle: q_M, (nq,).
             near: MuJoCo's rows that take part already, bool (nefc,).
             seen: those that the velocity closes, bool (nefc,); written.
-            doubtful: see `leave_doubtful`.
+            doubtful: contacts that bodies may pass, bool (ncon,).
         """
         model = self._model
         if self._other is None:
