@@ -6,6 +6,7 @@ import pytest
 
 from impactlaw import Batch, Moreau, Newton, Stepper
 from impactlaw.stepping.time_stepping.contact_impulses import ContactProblem
+from impactlaw.stepping.time_stepping.problem.solution.contact_problem import TOLERANCE
 from impactlaw.stepping.time_stepping.problem.solution.resolve import resolve_step
 
 DRIVERS = pytest.mark.parametrize("compiled", ["auto", "never"])
@@ -167,8 +168,11 @@ def billiard(masses, reach, timestep):
 @pytest.mark.parametrize(
     ("masses", "timestep"), [([1] * 4, 0.002), ([1] * 4, 0.01), ([0.1, 1, 3, 10], 0.002), ([1, 100], 0.002)]
 )
-def test_elastic_billiards_keep_their_energy_to_rounding(law, masses, timestep):
-    """Disks jammed between others and the walls collide dozens of times within a step."""
+def test_elastic_billiards_keep_their_energy(law, masses, timestep):
+    """Disks jammed between others and the walls collide dozens of times within a step.
+
+    Impulses are found to `TOLERANCE`: disks of 0.1 kg at 50 m/s between those of 10 kg lose 1e-11 in a collision.
+    """
     model = billiard(masses, 0.2, timestep)
     batch, rng = Batch(model, law, 32, 1), np.random.default_rng(0)
     qvel = batch.bind("qvel")
@@ -179,7 +183,7 @@ def test_elastic_billiards_keep_their_energy_to_rounding(law, masses, timestep):
     batch.step(nstep=1000)
     assert batch.impact_count.min() > 30
     assert not batch.short_steps.any()
-    np.testing.assert_allclose(qvel**2 @ np.repeat(masses, 2), before, rtol=1e-11)
+    np.testing.assert_allclose(qvel**2 @ np.repeat(masses, 2), before, rtol=TOLERANCE)
 
 
 @DRIVERS
