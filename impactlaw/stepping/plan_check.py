@@ -5,7 +5,7 @@ Event-driven steps read friction when a contact is first seen; `PlanCheck.check`
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
@@ -57,6 +57,15 @@ class PlanCheck:
         self._limits = _active_limits(model)
         self._keep()
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return everything but the arrays of the model that are read."""
+        return self.__dict__ | {"_kept": [(name, kept) for name, _, kept in self._kept]}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Read the arrays of the copied model."""
+        self.__dict__.update(state)
+        self._kept = [(name, getattr(self._model, name).tobytes, kept) for name, kept in state["_kept"]]
+
     def __bool__(self) -> bool:
         """Whether there is any field to check."""
         return len(self._names) > 0
@@ -72,8 +81,8 @@ class PlanCheck:
         if not self._plan.detection and self._parents != self._model.opt.disableflags & _FILTER_PARENT:
             self._compare("opt.disableflags")
             self._keep()
-        for name, kept in self._kept:
-            if getattr(self._model, name).tobytes() != kept:
+        for name, read, kept in self._kept:
+            if read() != kept:
                 self._compare(name)
                 self._keep()
                 rubs = rubs or name in _FRICTION
@@ -84,7 +93,7 @@ class PlanCheck:
         model = self._model
         rubs = (model.geom_condim > 1).any() or (model.pair_dim > 1).any()
         names = (name for name in self._names if rubs or name not in _COEFFICIENTS)
-        self._kept = [(name, getattr(model, name).tobytes()) for name in names]
+        self._kept = [(name, read, read()) for name in names for read in [getattr(model, name).tobytes]]
 
     def _compare(self, name: str) -> None:
         """Check everything that a change of this field may affect."""
