@@ -25,7 +25,6 @@ SILENT = 0.1
 
 _ROUNDING = 1e-13  # rounding of a contact velocity in the kinetic metric, relative to the velocity of the whole scene
 _CLEAR = 1e-4  # contact velocity relative to that of the scene that is no rounding whatever M is (cond M < 1e18)
-_CANCELLED = 1e-15  # contact velocity, relative to the sum of the sizes of its terms, that is rounding whatever M is
 _STILL = 1e-3  # part of the gap tolerance that a contact must cross in a timestep to count as moving
 
 
@@ -117,8 +116,7 @@ class ContactState(NamedTuple):
 
     def approaches(self, held: np.ndarray) -> bool:
         """Return whether one of these closed contacts, bool (h,), approaches now, however slowly."""
-        J, velocity = self.contact_set.jacobian, self.velocity
-        held = held & self.closed & (self.contact_velocity < -_CANCELLED * np.abs(J).dot(np.abs(velocity)))
+        held = held & self.closed & (self.contact_velocity < 0.0)
         if not np.count_nonzero(held):
             return False
         if np.count_nonzero(held & (self.contact_velocity < -np.maximum(self.noise, SILENT * self.still))):
