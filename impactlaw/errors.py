@@ -87,6 +87,10 @@ class UnreadSensorsWarning(UserWarning):
     """Sensors of a scene measure forces of contacts and limits, which event-driven steps do not write into data."""
 
 
+class FlexContactsWarning(UserWarning):
+    """Flexes of a scene can touch, and their contacts stay MuJoCo's: the law does not act on them."""
+
+
 class InadmissibleImpactError(ImpactLawError):
     """The outcome of a law is outside the set of possible right-velocities, for example because it creates energy."""
 

@@ -22,6 +22,7 @@ from impactlaw.stepping.plan import Plan
 
 _LARGEST_FRICTION = 1e4  # at ten times that boxes slide a tenth farther, and at 1e8 freely
 _RESOLVED = 1e-15  # rounding of gaps, relative to the size of the scene
+_NO_CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
 _NAMED = 5  # largest number of contacts that an error names
 _OF_CONTACT = [
@@ -163,6 +164,18 @@ def unread_sensors(model: mujoco.MjModel, plan: Plan) -> tuple[str, ...]:
         return ()
     found = np.flatnonzero(np.isin(model.sensor_type, _OF_CONTACT)).tolist()
     return tuple(model.sensor(i).name or f"sensor{i}" for i in found)
+
+
+def flexes_touch(model: mujoco.MjModel) -> bool:
+    """Return whether flexes of the scene can touch its geoms, other flexes or themselves."""
+    if model.opt.disableflags & _NO_CONTACT:
+        return False
+    kinds = np.concatenate((model.geom_contype, model.flex_contype))
+    wanted = np.concatenate((model.geom_conaffinity, model.flex_conaffinity))
+    meets = ((model.flex_contype[:, None] & wanted) | (kinds & model.flex_conaffinity[:, None])) != 0
+    alone = (model.flex_rigid != 0) | (model.flex_selfcollide == 0)
+    meets[np.flatnonzero(alone), model.ngeom + np.flatnonzero(alone)] = False
+    return bool(meets.any())
 
 
 def check_law(model: mujoco.MjModel, law: Law, chosen: Chosen | None = None) -> None:

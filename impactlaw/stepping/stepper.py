@@ -111,6 +111,7 @@ class Stepper:
         HeldJointsWarning: time stepping may hold joints still, because links overlap or dry friction exceeds the
             force of servos.
         UnreadSensorsWarning: event-driven steps leave contact sensors without forces.
+        FlexContactsWarning: contacts of flexes stay MuJoCo's (soft).
         UncompiledWarning: steps are in Python, although compiled="auto" was given.
     """
 

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Literal
 import mujoco
 import numpy as np
 
-from impactlaw.errors import UncompilableError, UnreadSensorsWarning, warn_of_python
+from impactlaw.errors import FlexContactsWarning, UncompilableError, UnreadSensorsWarning, warn_of_python
 from impactlaw.laws import Coulomb, Law, MaximalDissipation
 from impactlaw.laws.restitution.on_contacts import Chosen, restricted
 from impactlaw.scene.tolerances import GAP_TOLERANCE, meter
 from impactlaw.stepping.cautions import warn_of_held_joints
 from impactlaw.stepping.collisions import Collider
-from impactlaw.stepping.compatibility import unread_sensors
+from impactlaw.stepping.compatibility import flexes_touch, unread_sensors
 from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
 from impactlaw.stepping.event_driven.scheme import RigidStepping
 from impactlaw.stepping.options import Options
@@ -34,6 +34,11 @@ _EVENTS = 100  # default of max_events, the largest number of collisions in one 
 _UNREAD = (
     "event-driven steps leave no forces of contacts and limits in data: sensors such as {} read as if there were none; "
     'use scheme="time-stepping" or contact_model="soft" for them'
+)
+
+_FLEXES = (
+    "a law acts between geoms, and flexes of this scene can touch: their contacts stay MuJoCo's, without restitution; "
+    "contacts= with the contacts of geoms says that this is meant"
 )
 
 
@@ -109,6 +114,8 @@ class Way:
         """Return soft stepping, in compiled code if it covers the scene and the law."""
         o = self.options
         opt, speed = self.model.opt, o.rest_speed
+        if self.chosen is None and flexes_touch(self.model):
+            warnings.warn(_FLEXES, FlexContactsWarning, stacklevel=4)
         if speed is None:
             speed = max(REST_SPEED, FALLS * opt.timestep * float(np.linalg.norm(opt.gravity)))
         scheme = SoftStepping(self.model, self._collider(law), self.plan, rest_speed=speed, chosen=self.chosen)
