@@ -21,9 +21,10 @@ RESTING = 1e-9
 """The same limit where constraints that give way have driven a collision: only those at rest, up to rounding, stay."""
 DRIFT = 1e-3
 """Velocity of a constraint that moves a gap that counts as 0, relative to the fastest contact in the kinetic metric."""
-TIED = 0.2
-"""Part of a gap gradient that such constraints must leave free for the contact to act. It is measured by how fast the
-gap opens next to the fastest degree of freedom, in units of `lengths`."""
+TIED, STOPPED = 0.2, 0.02
+"""Part of a gap gradient that such constraints must leave free for the contact to act; the second for contact with what
+stands still, such as the stop of a piston next to its dead centre. It is measured by how fast the gap opens next to the
+fastest degree of freedom, in units of `lengths`."""
 HELD_BY_DRIFT = 0.2
 """Part of the length of a gap gradient up to which constraints that have drifted leave the contact no motion."""
 SHIFTS = 3
@@ -149,15 +150,21 @@ def stiffness(model: mujoco.MjModel, data: mujoco.MjData, kept: np.ndarray) -> n
     return J.T @ (data.efc_D[rows, None] * J)
 
 
-def are_tied(gradients: np.ndarray, constraints: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+def least_free(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
+    """Return `STOPPED` or `TIED` for contacts between geoms, (h, 2), -1 where there is none; shape (h,)."""
+    still = (geoms >= 0) & (model.body_treeid[model.geom_bodyid[geoms]] < 0)
+    return np.where(still.any(axis=1), STOPPED, TIED)
+
+
+def are_tied(gradients: np.ndarray, constraints: np.ndarray, lengths: np.ndarray, least: np.ndarray) -> np.ndarray:
     """Return which gap gradients, (h, nv), are almost entirely fixed by constraints, (m, nv), bool (h,).
 
-    See `stepping.compiled.left_out.tied_contacts`. ``lengths`` come from the function `lengths`, ``constraints`` from
-    `bilateral_rows`.
+    See `stepping.compiled.left_out.tied_contacts`. ``lengths`` and ``least`` come from the functions `lengths` and
+    `least_free`, ``constraints`` from `bilateral_rows`.
     """
     basis, _ = row_span(constraints / lengths, OWN_CONSTRAINT)
     scaled = gradients / lengths
     left = scaled - scaled @ basis.T @ basis
     # not relative to all that moves: of 30 bodies welded to each other, the one in contact is a small part
     fastest = np.abs(left).max(axis=1, initial=0.0) * np.abs(scaled).max(axis=1, initial=0.0)
-    return np.vecdot(left, left) <= TIED * fastest
+    return np.vecdot(left, left) <= least * fastest

@@ -66,3 +66,37 @@ def test_the_collision_that_is_told_turns_the_crank_as_the_step_does(way, tie):
     assert impact.post_velocity[0] > 5.0
     np.testing.assert_allclose(impact.post_velocity, data.qvel, atol=5e-3 * np.abs(data.qvel).max())
     assert stepper.sums.energy_change == pytest.approx(impact.energy_change, rel=1e-2)
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("crank", [0.17, 0.1])
+def test_a_piston_bounces_off_a_stop_next_to_its_dead_centre(way, crank):
+    """Regression: the stop had no effect where the piston moves by less than 0.04 m per rad of the crank.
+
+    The mechanism can move in one way only, so that every velocity is multiplied by -e.
+    """
+    e, r, length = 0.6, 0.1, 0.25
+    far = r * np.cos(crank) + np.sqrt(length**2 - (r * np.sin(crank)) ** 2)  # where the piston is stopped, m
+    model = mujoco.MjModel.from_xml_string(f"""<mujoco><option timestep="2.5e-4" integrator="RK4" gravity="0 0 0"/>
+      <default><geom contype="0" conaffinity="0"/></default><worldbody>
+      <geom type="plane" size="1 1 1" zaxis="-1 0 0" pos="{far + 0.02} 0 0" contype="1"/>
+      <body><joint axis="0 -1 0"/><geom size=".05" mass="8"/>
+        <body name="rod" pos="{r} 0 0"><joint axis="0 -1 0"/>
+          <geom type="capsule" size=".01" fromto="0 0 0 {length} 0 0" mass=".3"/></body></body>
+      <body name="piston" pos="{r + length} 0 0"><joint type="slide" axis="1 0 0"/>
+        <geom size=".02" mass=".5" conaffinity="1" condim="1"/></body>
+      </worldbody><equality>
+      <connect body1="piston" body2="rod" anchor="0 0 0" solref="1e-3 1" solimp=".9999 .9999 .001"/>
+      </equality></mujoco>""")
+    data, stepper = mujoco.MjData(model), Stepper(model, Moreau(e), **WAYS[way])
+    tilt = np.arcsin(r * np.sin(1.0) / length)
+    data.qpos[:] = 1.0, -1.0 - tilt, r * np.cos(1.0) + length * np.cos(tilt) - r - length
+    rate = r * np.cos(1.0) / (length * np.cos(tilt))  # of the rod, per rad of the crank
+    data.qvel[:] = -6.0, 6.0 * (1.0 + rate), 6.0 * r * (np.sin(1.0) + np.cos(1.0) * np.tan(tilt))
+    for _ in range(1000):
+        before = data.qvel.copy()
+        stepper.step(data)
+        if stepper.events:
+            break
+    np.testing.assert_allclose(data.qvel, -e * before, atol=0.03 * np.abs(before).max())
+    assert stepper.sums.energy_change < 0.0

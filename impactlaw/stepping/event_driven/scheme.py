@@ -35,7 +35,7 @@ from impactlaw.errors import DivergenceError, OverlapError, SolverError, Unfinis
 from impactlaw.laws import Law
 from impactlaw.mechanics.kinetic_metric import KineticMetric
 from impactlaw.scene.contacts import update_positions
-from impactlaw.scene.equality_constraints import CALM, are_tied, lengths
+from impactlaw.scene.equality_constraints import CALM, are_tied, least_free, lengths
 from impactlaw.solvers.one_thread import one_thread
 from impactlaw.stepping.collisions import Collider, kinetic_metric
 from impactlaw.stepping.compatibility import OVERRIDE, check_override, check_resolved, check_rigid
@@ -281,7 +281,8 @@ class RigidStepping:
         if constraints is None:
             return False
         closed = state.closed & (state.pattern.geoms[:, 0] >= 0)
-        return bool(are_tied(state.contact_set.jacobian[closed], constraints, lengths(self._model)).any())
+        least = least_free(self._model, state.pattern.geoms[closed])
+        return bool(are_tied(state.contact_set.jacobian[closed], constraints, lengths(self._model), least).any())
 
     def _apart(self, start: ContactState) -> ContactState:
         """Open an overlap that is due to a jump of a gap; leave it if bodies are squeezed.

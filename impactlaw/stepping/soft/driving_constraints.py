@@ -9,7 +9,7 @@ import numpy as np
 
 from impactlaw.mechanics.impact import Impact
 from impactlaw.scene.contacts import Contacts, acted_on
-from impactlaw.scene.equality_constraints import CALM, RESTING, constraint_kinds, lengths
+from impactlaw.scene.equality_constraints import CALM, RESTING, constraint_kinds, least_free, lengths
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.soft.tolerances import DRAGGED, GAINED
 
@@ -37,7 +37,8 @@ class Constraints:
         address, kinds = np.ascontiguousarray(data.contact.efc_address), constraint_kinds(model)
         paired = (data.contact.dim > 1) & (model.opt.cone == _PYRAMIDAL)
         tied = np.zeros(len(address), dtype=bool)
-        mark_tied_contacts(data.efc_type, data.efc_id, kinds, jacobian, lengths(model), address, paired, tied)
+        least = least_free(model, data.contact.geom)
+        mark_tied_contacts(data.efc_type, data.efc_id, kinds, jacobian, lengths(model), address, paired, least, tied)
         self._tied = tied[acted_on(model, data)]
 
     def tie(self, contacts: Contacts) -> np.ndarray:

@@ -11,10 +11,19 @@ import mujoco
 import numpy as np
 
 from impactlaw.compiled import for_python
-from impactlaw.scene.equality_constraints import SHIFTS, TIED, TYING
+from impactlaw.scene.equality_constraints import SHIFTS, STOPPED, TIED, TYING
 from impactlaw.scene.tolerances import OWN_CONSTRAINT, WRITTEN
 from impactlaw.solvers.cones.algebra.loops import FIRST, clear, cleared, dot, kernel, norm, numbers, plain, subtract
-from impactlaw.stepping.compiled.access import contact_ints, data_ints, model_floats, model_ints, number, option, size
+from impactlaw.stepping.compiled.access import (
+    bodies_of,
+    contact_ints,
+    data_ints,
+    model_floats,
+    model_ints,
+    number,
+    option,
+    size,
+)
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, flags
 
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
@@ -102,7 +111,7 @@ def _write_normal(jacobian, row, paired, weight, out):
 
 
 @kernel
-def find_tied(kinds, number, constraints, jacobian, weight, address, paired, tied):
+def find_tied(kinds, number, constraints, jacobian, weight, address, paired, least, tied):
     """Write which contacts are tied, bool (ncon,), initially False.
 
     Args:
@@ -113,6 +122,7 @@ def find_tied(kinds, number, constraints, jacobian, weight, address, paired, tie
         weight: see `equality_constraints.lengths`, (nv,).
         address: first rows of contacts, (ncon,).
         paired: whether they are pyramids: pairs of rows, whose mean is the normal, bool (ncon,).
+        least: see `equality_constraints.least_free`, (ncon,).
         tied: written.
     """
     nv, many, ne = len(weight), 0, 0
@@ -129,7 +139,7 @@ def find_tied(kinds, number, constraints, jacobian, weight, address, paired, tie
             _write_normal(jacobian, address[c], paired[c], weight, trial)
             whole = _largest(trial)
             leave_out(basis, count, nv, trial, FIRST)
-            tied[c] = dot(trial, FIRST, trial, FIRST, nv) <= TIED * whole * _largest(trial)
+            tied[c] = dot(trial, FIRST, trial, FIRST, nv) <= least[c] * whole * _largest(trial)
 
 
 mark_tied_contacts = for_python(find_tied)
@@ -145,17 +155,29 @@ def write_lengths(w, weight):
         weight[i] = np.sqrt(inertia[i] / max(mass[body[i]], 1e-15))
 
 
+@plain
+def _write_least(w, least):
+    """Write `equality_constraints.least_free`, (ncon,)."""
+    geom, (body, _, tree) = contact_ints(w, CONTACT.geom, 2), bodies_of(w)
+    for c in range(len(least)):
+        least[c] = TIED
+        for side in range(2):
+            if geom[c, side] >= 0 and tree[body[geom[c, side]]] < 0:
+                least[c] = STOPPED
+
+
 @kernel
 def mark_tied(w, constraints, jacobian, tied):
     """Write which contacts of a world are tied, see `find_tied`."""
-    n, weight = number(w, DATA.nefc), numbers(w.nv)
+    n, weight, least = number(w, DATA.nefc), numbers(w.nv), numbers(len(tied))
     write_lengths(w, weight)
+    _write_least(w, least)
     address, dim = contact_ints(w, CONTACT.efc_address, 1)[:, 0], contact_ints(w, CONTACT.dim, 1)[:, 0]
     pyramidal, paired = option(w, MODEL.opt_cone) == _PYRAMIDAL, cleared(len(tied))
     for c in range(len(tied)):
         paired[c] = pyramidal and dim[c] > 1
     kinds, of_rows = data_ints(w, DATA.efc_type, n), data_ints(w, DATA.efc_id, n)
-    find_tied(kinds, of_rows, constraints, jacobian, weight, address, paired, tied)
+    find_tied(kinds, of_rows, constraints, jacobian, weight, address, paired, least, tied)
 
 
 @kernel

@@ -8,7 +8,7 @@ from numba import types
 
 from impactlaw.compiled import compiled
 from impactlaw.scene.contacts import Contacts
-from impactlaw.scene.equality_constraints import constraint_kinds, lengths
+from impactlaw.scene.equality_constraints import constraint_kinds, least_free, lengths
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.solvers.cones.algebra.loops import FLOATS, cleared, numbers
 from impactlaw.stepping.compiled.dense import sparse_jacobian
@@ -122,7 +122,7 @@ class RowReader:
             tied, paired = np.zeros((2, len(address)), dtype=bool)
             mark_tied_contacts(
                 data.efc_type, data.efc_id, self._constraints, jacobian, self._lengths, np.ascontiguousarray(address),
-                paired, tied,
+                paired, least_free(self._model, data.contact.geom), tied,
             )  # fmt: skip
             near[address[tied]] = False
         return near
