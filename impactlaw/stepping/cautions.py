@@ -104,16 +104,17 @@ def _weak_servos(model: mujoco.MjModel) -> Iterator[str]:
 
 def _strongest(model: mujoco.MjModel, actuator: np.intp, joint: int) -> float:
     """Return the largest force of an actuator on its joint, N or N m; infinite if it is not known."""
-    gear, limit = abs(float(model.actuator_gear[actuator, 0])), np.inf
+    control_at, force_at = model.actuator_ctrladr[actuator], model.actuator_outadr[actuator]
+    gear, limit = abs(float(model.actuator_gear[force_at, 0])), np.inf
     if model.actuator_forcelimited[actuator]:
         limit = float(np.abs(model.actuator_forcerange[actuator]).max())
     bias: Any = model.actuator_biasprm[actuator] if model.actuator_biastype[actuator] == _AFFINE else np.zeros(3)
     known = model.actuator_gaintype[actuator] == _FIXED and model.actuator_biastype[actuator] in (_AFFINE, _NO_BIAS)
     ranged = bool(model.jnt_limited[joint]) or bias[1] == 0.0
-    if known and ranged and model.actuator_ctrllimited[actuator] and bias[2] == 0.0:
+    if known and ranged and model.actuator_ctrllimited[control_at] and bias[2] == 0.0:
         positions = model.jnt_range[joint] if model.jnt_limited[joint] else np.zeros(1)
         gain = model.actuator_gainprm[actuator, 0]
-        extremes = product(model.actuator_ctrlrange[actuator], positions)
+        extremes = product(model.actuator_ctrlrange[control_at], positions)
         forces = [gain * control + bias[0] + bias[1] * gear * position for control, position in extremes]
         limit = min(limit, float(np.abs(forces).max()))
     return gear * limit

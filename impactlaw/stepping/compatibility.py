@@ -87,7 +87,7 @@ def check_rigid(model: mujoco.MjModel) -> None:
             'no gap can be located; use scheme="time-stepping", or contact_model="soft"'
         )
     adhesion = int(mujoco.mjtTrn.mjTRN_BODY)
-    if model.flg_adhesion or (model.nu and (model.actuator_trntype == adhesion).any()):
+    if model.flg_adhesion or (model.actuator_trntype == adhesion).any():
         raise SceneError(
             "contacts that are located do not pull, but the scene has adhesion; "
             'use scheme="time-stepping" or contact_model="soft"'

@@ -213,7 +213,7 @@ class _Reasons:
             ("limits as contacts", limits, "of the joints and tendons"),
             ("equality constraints", int(np.count_nonzero(m.eq_active0)), "active: impulses leave them alone"),
             ("tendons", int(m.ntendon), "tendons"),
-            ("actuators", int(m.nu), "actuators"),
+            ("actuators", int(m.nactuator), "actuators"),
         ):
             yield Part(name, n > 0, f"{n} {what}" if n else "none")
 

@@ -26,13 +26,13 @@ _Data = namedtuple(
 
 _Model = namedtuple(
     "_Model",
-    "nq nv na nu nbody njnt ngeom npair nflex ntendon ntree neq nmocap nC nplugin nhistory nsensordata flg_adhesion "
-    "actuator_trntype body_margin geom_margin geom_gap pair_margin pair_gap jnt_margin tendon_margin geom_bodyid "
-    "geom_type geom_pos geom_rbound geom_size geom_aabb body_ipos body_pos body_parentid body_dofadr body_dofnum "
-    "body_rootid body_treeid body_weldid body_mocapid M_rownnz M_rowadr M_colind dof_treeid dof_bodyid dof_M0 "
-    "dof_invweight0 dof_simplenum body_subtreemass tree_dofadr tree_dofnum dof_damping dof_dampingpoly jnt_actuatorid "
-    "jnt_type jnt_limited jnt_qposadr jnt_dofadr jnt_range opt_timestep opt_gravity opt_integrator opt_cone opt_solver "
-    "opt_noslip_iterations opt_disableflags opt_enableflags stat_meansize",
+    "nq nv na nactuator nbody njnt ngeom npair nflex ntendon ntree neq nmocap nC nplugin nhistory nsensordata "
+    "flg_adhesion actuator_trntype body_margin geom_margin geom_gap pair_margin pair_gap jnt_margin tendon_margin "
+    "geom_bodyid geom_type geom_pos geom_rbound geom_size geom_aabb body_ipos body_pos body_parentid body_dofadr "
+    "body_dofnum body_rootid body_treeid body_weldid body_mocapid M_rownnz M_rowadr M_colind dof_treeid dof_bodyid "
+    "dof_M0 dof_invweight0 dof_simplenum body_subtreemass tree_dofadr tree_dofnum dof_damping dof_dampingpoly "
+    "jnt_actuatorid jnt_type jnt_limited jnt_qposadr jnt_dofadr jnt_range opt_timestep opt_gravity opt_integrator "
+    "opt_cone opt_solver opt_noslip_iterations opt_disableflags opt_enableflags stat_meansize",
 )
 """Indices of fields of mjModel in the table of offsets; opt_ and stat_ are fields of mjOption and mjStatistic."""
 

@@ -64,7 +64,7 @@ def contact_forces(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
 
 def _needs_contacts(model: mujoco.MjModel) -> bool:
     """Return whether other forces act through contacts, or trees can sleep."""
-    pulls = model.flg_adhesion or (model.nu and (model.actuator_trntype == BODY).any())
+    pulls = model.flg_adhesion or (model.actuator_trntype == BODY).any()
     return bool(pulls or model.opt.enableflags & SLEEP)
 
 

@@ -39,7 +39,7 @@ class TemporaryOptions:
         self._margins = [array for name in _MARGINS if (array := getattr(model, name)).size]
         self._kept = [array.copy() for array in self._margins]
         self._gaps = [array for name in ("geom_gap", "pair_gap") if (array := getattr(model, name)).size]
-        self.sticks = bool(model.flg_adhesion or (model.nu and (model.actuator_trntype == _BODY).any()))
+        self.sticks = bool(model.flg_adhesion or (model.actuator_trntype == _BODY).any())
         if self.sticks:  # bodies stick across the gap
             self._gaps = []
         self.stands, self.beside = has_standing(model), some_side_by_side(model)

@@ -77,6 +77,20 @@ def test_servos_that_dry_friction_holds_are_told(actuator, told):
             Stepper(model, Moreau(0.0), scheme="time-stepping")
 
 
+@pytest.mark.parametrize("control", ["quat", "expmap"])
+def test_servos_after_one_of_several_controls_and_forces_are_told(control):
+    """Regression: a servo of a ball joint has three forces and three or four controls, not one of each."""
+    wrist = '<body pos="3 0 0"><joint name="wrist" type="ball"/><geom size=".1" mass="1"/></body>'
+    actuators = (
+        f'<orientation joint="wrist" kp="1" input="{control}"/>'
+        '<motor joint="finger" ctrlrange="-7 7" ctrllimited="true" gear="2"/>'
+    )
+    model, _ = compiled(
+        FINGER.format(shift=0.05, joint='frictionloss="30"') + wrist, rest=f"<actuator>{actuators}</actuator>"
+    )
+    assert [text.split("exact: ")[1].split(";")[0] for text in cautions(model)] == ["finger (14 of 30)"]
+
+
 @pytest.mark.parametrize("loss", [0, 30])
 def test_what_is_told_is_so(loss):
     motor = '<motor joint="finger" forcelimited="true" forcerange="-9 9"/>'

@@ -125,7 +125,7 @@ def find_contact_forces(w, found):
 @plain
 def _needs_contacts(w):
     """Return the result of `without_new_contacts._needs_contacts`."""
-    for kind in model_ints(w, MODEL.actuator_trntype, size(w, MODEL.nu)):
+    for kind in model_ints(w, MODEL.actuator_trntype, size(w, MODEL.nactuator)):
         if kind == BODY:
             return True
     sleeps = option(w, MODEL.opt_enableflags) & SLEEP != 0

@@ -197,6 +197,24 @@ def test_a_step_taken_again_while_something_touches_is_of_rk4(compiled):
 
 
 @pytest.mark.parametrize("compiled", ["auto", "never"])
+def test_actuators_with_more_controls_than_one_change_nothing_in_that(compiled):
+    """Regression: transmissions were counted by controls, and what came after them in memory was taken for adhesion."""
+    wheel = '<body pos="9 0 0"><joint name="wheel"/><geom size=".1" mass="1"/></body></worldbody>'
+    motor = '<dcmotor joint="wheel" resistance="1" inductance=".01" motorconst="1" input="pos vel ff"/>'
+    model = mujoco.MjModel.from_xml_string(
+        LINKS.replace("</worldbody></mujoco>", f"{wheel}<actuator>{6 * motor}</actuator></mujoco>")
+    )
+    data, highest = mujoco.MjData(model), 0.0
+    data.qvel[:6] = np.random.default_rng(4).normal(size=6)
+    data.qvel *= np.sqrt(17.0 / _energy(model, data))
+    stepper = Stepper(model, Moreau(0.5), contact_model="soft", compiled=compiled)
+    for _ in range(100):
+        stepper.step(data)
+        highest = max(highest, _energy(model, data))
+    assert highest < 17.5
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
 @pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda pair: pickle.loads(pickle.dumps(pair))])
 def test_a_copy_takes_the_same_steps(duplicate, compiled):
     """A step is repeated if contacts close with the velocity of its start: not with that of the original's last one."""
