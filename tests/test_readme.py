@@ -51,7 +51,7 @@ class Env:
         self.data = mujoco.MjData(self.model)
 
     def step(self):
-        mujoco.mj_step(self.model, self.data, nstep=5)
+        mujoco.mj_step(m=self.model, d=self.data, nstep=5)
 """
 
 
