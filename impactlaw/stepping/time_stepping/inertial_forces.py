@@ -91,7 +91,7 @@ class InertialForces:
         for _ in range(ROUNDS):
             before, self.used = free, self.at(data, 0.5 * (start + free + held))
             free = self.lead_to(data, start, self.used, metric, h)
-            loose = self._largest(free - before) > SETTLED * self._largest(free) + STILL
+            loose = ~(self._largest(free - before) <= SETTLED * self._largest(free) + STILL)
             if not np.count_nonzero(loose):
                 break
         self._watch(data, loose)
@@ -129,14 +129,16 @@ class InertialForces:
     ) -> tuple[np.ndarray, bool]:
         """Return the forces in half a step that ends at a velocity, or begins there if h < 0, without gravity, (nv,).
 
-        Also return whether the iteration has converged.
+        Also return whether the iteration has converged; if it diverges, forces may be infinite or not a number.
         """
         before = force = self.at(data, velocity) - gravity
-        for _ in range(HALF_ROUNDS):
-            before, force = force, self.at(data, self.kick(velocity, force, metric, 0.25 * h)) - gravity
-            if np.abs(force - before).max() <= HALF_SETTLED * np.abs(force).max():
-                return force, True
-        self._watch(data, self._largest(force - before) > HALF_SETTLED * np.abs(force).max())
+        with np.errstate(over="ignore", invalid="ignore"):
+            for _ in range(HALF_ROUNDS):
+                before, force = force, self.at(data, self.kick(velocity, force, metric, 0.25 * h)) - gravity
+                if np.abs(force - before).max() <= HALF_SETTLED * np.abs(force).max():
+                    return force, True
+            largest = np.fmax.reduce(np.abs(force))
+            self._watch(data, ~(self._largest(force - before) <= HALF_SETTLED * largest))
         return force, False
 
     def lead_to(

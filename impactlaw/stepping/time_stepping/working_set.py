@@ -137,7 +137,7 @@ class WorkingSet:
             if not rounding < created < 0.5 * was:
                 break
             was = created
-        if created > best[2]:
+        if not created <= best[2]:
             found = best[0]._try(data, near, best[1], found.known, found.collided)
         return found
 

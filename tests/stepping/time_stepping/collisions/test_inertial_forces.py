@@ -100,3 +100,25 @@ def test_what_a_moving_surface_gives_is_no_energy_from_nowhere(compiled_steps):
         data.mocap_pos[0, 0] = -0.3 + step * model.opt.timestep
         stepper.step(data)
     np.testing.assert_allclose(data.qvel, (1.5, 0.0, 0.0, 0.0, 0.0, 400.0), atol=1e-8)
+
+
+LINK = """<geom type="plane" size="1 1 1"/>
+    <body pos="0 0 .1"><freejoint/><geom type="box" size=".05 .02 .01" mass=".1"/>
+        <body pos=".06 0 0"><joint type="ball"/><geom type="box" pos=".02 0 0" size=".02 .01 .002" mass=".001"/></body>
+    </body>"""
+
+
+@both
+@pytest.mark.parametrize("seed", [18, 25, 27])
+def test_a_light_link_that_turns_by_radians_in_a_step_does_not_diverge(seed, compiled_steps):
+    """The iterations for the forces of half a step grow beyond all numbers, which is no reason to stop."""
+    rng = np.random.default_rng(seed)
+    model, data = compiled(LINK, option='gravity="0 0 0"', geom='condim="1"')
+    attitude = rng.normal(size=4)
+    data.qpos[3:7] = attitude / np.linalg.norm(attitude)
+    data.qvel[:] = 0.0, 0.0, -1.0, *(5.0 * rng.normal(size=3)), *(2000.0 / 1.7 * rng.normal(size=3))
+    start = energy(model, data)
+    stepper = Stepper(model, Moreau(1.0), scheme="time-stepping", compiled=compiled_steps)
+    for _ in range(50):
+        stepper.step(data)
+    assert energy(model, data) < 1.01 * start

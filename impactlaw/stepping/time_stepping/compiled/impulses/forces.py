@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import mujoco
+import numpy as np
 
-from impactlaw.solvers.cones.algebra.loops import clear, kernel, plain, put
+from impactlaw.solvers.cones.algebra.loops import clear, kernel, norm, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import data_floats, model_ints, size, velocity_of
 from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of
@@ -65,7 +66,7 @@ def half(w, velocity, gravity, h, turning, mean, before, force):
         for i in range(w.nv):
             force[i] -= gravity[i]
             largest, change = max(largest, abs(force[i])), max(change, abs(force[i] - before[i]))
-        if k > 0 and change <= HALF_SETTLED * largest:
+        if k > 0 and change <= HALF_SETTLED * largest and norm(force) < np.inf:
             return True
         if k < HALF_ROUNDS:
             put(before, force)
@@ -74,7 +75,7 @@ def half(w, velocity, gravity, h, turning, mean, before, force):
             forces_at(w, mean, force)
     tree = model_ints(w, MODEL.dof_treeid, w.nv)
     for i in range(w.nv):
-        turning[tree[i]] = turning[tree[i]] or abs(force[i] - before[i]) > HALF_SETTLED * largest
+        turning[tree[i]] = turning[tree[i]] or not abs(force[i] - before[i]) <= HALF_SETTLED * largest
     return False
 
 
@@ -111,9 +112,10 @@ def _is_loose(w, before, free, t):
     """Return whether an iteration has changed the velocity of a tree of bodies by much, (nv,) each."""
     largest, change = 0.0, 0.0
     first = model_ints(w, MODEL.tree_dofadr, size(w, MODEL.ntree))[t]
-    for i in range(first, first + model_ints(w, MODEL.tree_dofnum, size(w, MODEL.ntree))[t]):
+    end = first + model_ints(w, MODEL.tree_dofnum, size(w, MODEL.ntree))[t]
+    for i in range(first, end):
         largest, change = max(largest, abs(free[i])), max(change, abs(free[i] - before[i]))
-    return change > SETTLED * largest + STILL
+    return change > SETTLED * largest + STILL or not norm(free[first:end]) < np.inf
 
 
 @plain

@@ -164,7 +164,7 @@ def _less_energy(w, law, start, bias, turning, gravity, free, jacobian, chosen, 
         if not found.solved.rounding < gains < 0.5 * was:
             break
         was = gains
-    if gains > least:
+    if not gains <= least:
         found = _again(w, law, start, best[w.nv :], best[: w.nv], jacobian, chosen, mark, room, found, phases)
     mj.com_vel(w.model, w.data)
     return found
