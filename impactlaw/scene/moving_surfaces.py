@@ -219,11 +219,16 @@ class Surfaces:
         return self._last
 
     @property
+    def middle_velocity(self) -> np.ndarray:
+        """Velocities of mocap bodies in the middle of this step, (nmocap, 6)."""
+        return 1.5 * self._mean - 0.25 * (self._first + self._last)
+
+    @property
     def speed(self) -> float:
         """A bound on the speed of any point of a moving surface in this step, m/s."""
         if self.still:
             return 0.0
-        ends = (self._first, self._last, 1.5 * self._mean - 0.25 * (self._first + self._last))
+        ends = (self._first, self._last, self.middle_velocity)
         return max(max(self._speeds(velocity), default=0.0) for velocity in ends)
 
     def _now(self, data: mujoco.MjData) -> np.ndarray:

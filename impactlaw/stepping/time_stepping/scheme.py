@@ -112,7 +112,7 @@ class TimeStepping:
         self._sizes = np.zeros(model.nbody)
         self.inertial = InertialForces(model)
         self._listed = listed_stage(model)
-        self._edges = PassedEdges(model)
+        self._edges = PassedEdges(model, self._surfaces)
         self._end_correction = EndCorrection(model, self._sizes, self._options, self._reader)
         self._state = empty_state(model)
         self._left: tuple[bytes, ...] = ()
@@ -160,6 +160,7 @@ class TimeStepping:
         if self._surfaces is not None:
             self._surfaces = surfaces
             self._reader = RowReader(self.model, surfaces, frictional=self._friction, touching=self._touching)
+            self._edges = PassedEdges(self.model, surfaces)
 
     def resume(
         self, data: mujoco.MjData, known: Known, gained: np.ndarray, motion: LastMotion | None, *, solved: bool

@@ -58,3 +58,57 @@ def test_a_fast_ball_bounces_off_a_thin_plate():
     for time in np.linspace(0.02, 0.022, 7):
         velocity = _flown_past("box", -0.2, 40.0, time=time)
         np.testing.assert_allclose(velocity, [0.0, 0.0, 32.0], atol=1e-9)
+
+
+RACKET = '<geom type="box" size=".08 .07 .003"/>'
+RACKETS = {  # how a racket is carried by a mocap body
+    "fixed": f'<body mocap="true">{RACKET}</body>',
+    "jointed": f'<body mocap="true"><body><joint axis="0 1 0" armature="9"/>{RACKET}</body></body>',
+    "swung": f'<body mocap="true"><body pos="0 .5 0">{RACKET}</body></body>',
+}
+
+
+def _flown_past_racket(kind, clearance, ball, racket, *, time, **options):
+    """Return the velocity of a ball after it came past the edge of a racket; both have a speed, and pass at a time."""
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option gravity="0 0 0"/><worldbody>{RACKETS[kind]}
+        <body pos="{0.08 + R + clearance} {0.5 if kind == "swung" else 0} {ball * time}"><freejoint/>
+        <geom size="{R}" mass=".003"/></body></worldbody></mujoco>"""
+    )
+    data, h = mujoco.MjData(model), model.opt.timestep
+    data.qvel[-4] = -ball
+    stepper = Stepper(model, Moreau(0.8), scheme="time-stepping", **options)
+    for i in range(30):
+        way = racket * (i * h - time)
+        if kind == "swung":
+            mujoco.mju_axisAngle2Quat(data.mocap_quat[0], (1.0, 0.0, 0.0), way / 0.5)
+        else:
+            data.mocap_pos[0, 2] = way
+        stepper.step(data)
+    return data.qvel[-6:-3]
+
+
+rackets = pytest.mark.parametrize("kind", RACKETS)
+speeds = pytest.mark.parametrize(("ball", "racket"), [(18.0, 0.0), (9.0, 9.0), (0.0, 18.0), (1.0, 2.0)])
+
+
+@rackets
+@speeds
+def test_a_racket_on_a_mocap_body_misses_a_ball_by_little(kind, ball, racket):
+    for time in np.linspace(0.02, 0.022, 7):
+        assert _flown_past_racket(kind, 2e-4, ball, racket, time=time).tolist() == [0.0, 0.0, -ball]
+
+
+@rackets
+@speeds
+def test_a_racket_on_a_mocap_body_hits_a_ball_in_its_way(kind, ball, racket):
+    for time in np.linspace(0.02, 0.022, 7):
+        assert _flown_past_racket(kind, -3e-3, ball, racket, time=time)[0] > 0.01
+
+
+@rackets
+def test_rackets_in_python_miss_and_hit_the_same(kind):
+    for clearance in (-3e-3, 2e-4, 5e-3):
+        hows = "auto", "never"
+        found = [_flown_past_racket(kind, clearance, 9.0, 9.0, time=0.021, compiled=how) for how in hows]
+        np.testing.assert_allclose(*found, rtol=1e-10, atol=1e-10)

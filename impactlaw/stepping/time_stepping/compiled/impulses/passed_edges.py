@@ -16,6 +16,7 @@ from impactlaw.stepping.compiled.access import (
     velocity_of,
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, floats, long_at
+from impactlaw.stepping.time_stepping.compiled.state.surfaces import middle_velocities
 from impactlaw.stepping.time_stepping.problem.detection.passed_edges import (
     leave_edges,
     leave_fast,
@@ -36,13 +37,25 @@ def _geometry(w):
 
 
 @plain
+def _mocap(w, data):
+    m = size(w, MODEL.nmocap)
+    at, turned = long_at(data + offset(w, DATA.mocap_pos)), long_at(data + offset(w, DATA.mocap_quat))
+    return floats(at, (m, 3)), floats(turned, (m, 4))
+
+
+@plain
+def _carriers(w):
+    return *_mocap(w, w.data), middle_velocities(w)
+
+
+@plain
 def doubt_fast(w, chosen, doubtful):
     """Leave contacts of fast bodies out that may miss, see `leave_fast`."""
     if number(w, DATA.ncon) == 0:
         return False
     nbody, extent = size(w, MODEL.nbody), model_floats(w, MODEL.geom_aabb, (size(w, MODEL.ngeom), 6))
     motion = data_floats(w, DATA.cvel, (nbody, 6)), data_floats(w, DATA.subtree_com, (nbody, 3)), extent, w.timestep
-    return leave_fast(_contacts(w), _geometry(w), motion, chosen, doubtful)
+    return leave_fast(_contacts(w), _geometry(w), motion, _carriers(w), chosen, doubtful)
 
 
 @plain
@@ -64,4 +77,8 @@ def look_ahead(w, jacobian, middle, chosen, seen, doubtful):
     extent = model_floats(w, MODEL.geom_aabb, (ngeom, 6))
     qpos = floats(long_at(w.scratch + offset(w, DATA.qpos)), len(middle))
     at = w.model, w.scratch, address_of(qpos), address_of(qvel)
-    pass_over(_contacts(w), _geometry(w), extent, jacobian, qvel, w.timestep, middle, qpos, at, chosen, seen, doubtful)
+    place = qpos, *_mocap(w, w.scratch)
+    pass_over(
+        _contacts(w), _geometry(w), extent, _carriers(w), jacobian, qvel, w.timestep, middle, place, at, chosen, seen,
+        doubtful,
+    )  # fmt: skip

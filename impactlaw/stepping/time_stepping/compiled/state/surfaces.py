@@ -229,6 +229,12 @@ def end_velocities(w):
     return _rows(w)[: size(w, MODEL.nmocap) if w.surfaces != 0 else 0, ROW.end : ROW.now]
 
 
+@kernel
+def middle_velocities(w):
+    """Return the velocities of the bodies in the middle of this step, (nmocap, 6), or (0, 6) if they do not move."""
+    return _rows(w)[: size(w, MODEL.nmocap) if w.surfaces != 0 else 0, ROW.now : ROW.width]
+
+
 @plain
 def surface_speed(w):
     """Return the largest speed of a point of a moving surface, m/s."""

@@ -18,11 +18,13 @@ import mujoco
 import numpy as np
 
 from impactlaw.compiled import for_python
+from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.scene.tolerances import APART, TOUCHING
 from impactlaw.solvers.cones.algebra.loops import cleared, integers, kernel, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.dense import sparse_jacobian
 from impactlaw.stepping.compiled.left_out.hidden_edges import moving_side
+from impactlaw.stepping.time_stepping.problem.detection.carriers import carried_at, carry_on
 
 _PLANE, _SDF = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_SDF)
 _SAME = 1.0 - 1e-6
@@ -36,11 +38,11 @@ _LOOKS = 8
 
 
 @plain
-def _can_pass(pair, geometry):
-    """Return whether a geom can pass another one; other data do not know where mocap bodies carry them."""
-    (shape, body_of_geom, _, _, root, mocap), can = geometry, True
+def _can_pass(pair, shape):
+    """Return whether a geom can pass another one."""
+    can = True
     for i in range(2):
-        can = can and mocap[root[body_of_geom[pair[i]]]] < 0 and shape[pair[i]] != _PLANE and shape[pair[i]] != _SDF
+        can = can and shape[pair[i]] != _PLANE and shape[pair[i]] != _SDF
     return can
 
 
@@ -51,21 +53,29 @@ def _thickness(g, extent):
 
 
 @plain
-def _velocity(axis, g, point, geometry, motion):
+def _carried(axis, g, point, geometry, carriers):
+    """Return a component of the velocity at which a mocap body carries a point of a geom, m/s."""
+    _, body_of_geom, _, _, root, mocap = geometry
+    return carried_at(axis, mocap[root[body_of_geom[g]]], point, carriers)
+
+
+@plain
+def _velocity(axis, g, point, geometry, motion, carriers):
     """Return a component of the velocity of a point of a geom, m/s."""
     (_, body_of_geom, _, _, root, _), (velocity, center, _, _) = geometry, motion
     b = body_of_geom[g]
     i, j, c = (axis + 1) % 3, (axis + 2) % 3, root[b]
     turning = velocity[b, i] * (point[j] - center[c, j]) - velocity[b, j] * (point[i] - center[c, i])
-    return velocity[b, 3 + axis] + turning
+    return velocity[b, 3 + axis] + turning + _carried(axis, g, point, geometry, carriers)
 
 
 @plain
-def _is_fast(pair, point, frame, geometry, motion):
+def _is_fast(pair, point, frame, geometry, motion, carriers):
     """Return whether two geoms move along each other by a long way in a timestep, see `_FAST`."""
     (_, _, extent, timestep), square, along = motion, 0.0, 0.0
     for axis in range(3):
-        v = _velocity(axis, pair[1], point, geometry, motion) - _velocity(axis, pair[0], point, geometry, motion)
+        v = _velocity(axis, pair[1], point, geometry, motion, carriers)
+        v -= _velocity(axis, pair[0], point, geometry, motion, carriers)
         square += v * v
         along += v * frame[axis]
     way = _FAST * min(_thickness(pair[0], extent), _thickness(pair[1], extent))
@@ -73,7 +83,7 @@ def _is_fast(pair, point, frame, geometry, motion):
 
 
 @kernel
-def leave_fast(contacts, geometry, motion, chosen, doubtful):
+def leave_fast(contacts, geometry, motion, carriers, chosen, doubtful):
     """Leave contacts out of bodies that move fast along each other and may miss; return whether there are any.
 
     Args:
@@ -81,13 +91,14 @@ def leave_fast(contacts, geometry, motion, chosen, doubtful):
             and first rows, (ncon,).
         geometry: MuJoCo's geom_type, geom_bodyid, body_weldid, body_treeid, body_rootid and body_mocapid.
         motion: MuJoCo's cvel, subtree_com and geom_aabb, and h, s.
+        carriers: mocap bodies, see `carriers.carried_at`.
         chosen: MuJoCo's rows that take part, bool (nefc,); written.
         doubtful: the contacts that are left out, bool (ncon,), False; written.
     """
     some, (gap, point, frame, geom, address) = False, contacts
     for k in range(len(gap)):
-        takes_part = gap[k] > TOUCHING and address[k] >= 0 and chosen[address[k]]
-        if takes_part and _can_pass(geom[k], geometry) and _is_fast(geom[k], point[k], frame[k], geometry, motion):
+        takes_part = gap[k] > TOUCHING and address[k] >= 0 and chosen[address[k]] and _can_pass(geom[k], geometry[0])
+        if takes_part and _is_fast(geom[k], point[k], frame[k], geometry, motion, carriers):
             doubtful[k], chosen[address[k]], some = True, False, True
     return some
 
@@ -109,11 +120,11 @@ def leave_edges(contacts, geometry, chosen, doubtful):
     equally near, as of a ball that falls into the middle of a groove, both take part. For the arguments see
     `leave_fast`.
     """
-    (dist, _, frame, geom, address), (_, body_of_geom, weld, tree, _, _), some = contacts, geometry, False
+    (dist, _, frame, geom, address), (shape, body_of_geom, weld, tree, _, _), some = contacts, geometry, False
     for k in range(len(dist)):
         own = moving_side(geom[k], body_of_geom, tree)
         if own >= 0 and address[k] >= 0 and chosen[address[k]]:
-            doubtful[k] = dist[k] > TOUCHING and _can_pass(geom[k], geometry)
+            doubtful[k] = dist[k] > TOUCHING and _can_pass(geom[k], shape)
             some = some or doubtful[k]
     if not some:
         return False
@@ -147,24 +158,31 @@ def _is_asked(k, address, doubtful, chosen, seen):
 
 
 @plain
-def _way(row, jacobian, velocity, timestep):
-    """Return how far a contact opens in a timestep along its gradient, m."""
-    (nnz, adr, col, J), along = jacobian, 0.0
-    for a in range(adr[row], adr[row] + nnz[row]):
+def _rate(k, contacts, geometry, carriers, jacobian, velocity):
+    """Return how fast a contact opens along its gradient, m/s."""
+    (_, point, frame, geom, address), (nnz, adr, col, J), along = contacts, jacobian, 0.0
+    for a in range(adr[address[k]], adr[address[k]] + nnz[address[k]]):
         along += J[a] * velocity[col[a]]
-    return timestep * along
+    for axis in range(3):
+        for i in range(2):
+            along += (2 * i - 1) * frame[k, axis] * _carried(axis, geom[k, i], point[k], geometry, carriers)
+    return along
 
 
 @plain
-def _place(middle, qpos, velocity, time, at):
-    """Move other data to where a velocity leads within some time."""
+def _place(middle, carriers, place, time, at):
+    """Move other data to where velocities lead within some time."""
+    qpos, position, quaternion = place
     put(qpos, middle)
+    carry_on(carriers, time, position, quaternion)
     mj.integrate_pos(at[0], at[2], at[3], time)
     mj.kinematics(at[0], at[1])
 
 
 @kernel
-def pass_over(contacts, geometry, extent, jacobian, velocity, timestep, middle, qpos, at, chosen, seen, doubtful):
+def pass_over(
+    contacts, geometry, extent, carriers, jacobian, velocity, timestep, middle, place, at, chosen, seen, doubtful
+):  # fmt: skip
     """Take contacts out of those that a velocity closes if bodies pass them.
 
     Gaps are measured at least once while the body, or two that move, enter by half their thickness. Bodies that would
@@ -174,12 +192,13 @@ def pass_over(contacts, geometry, extent, jacobian, velocity, timestep, middle, 
         contacts: see `leave_fast`, like the next one.
         geometry: properties of geoms and bodies.
         extent: MuJoCo's geom_aabb, (ngeom, 6).
+        carriers: see `leave_fast`.
         jacobian: see `rows.Source`.
         velocity: v+, (nv,).
         timestep: h, s.
         middle: q_M, (nq,).
-        qpos: position of other data, (nq,), written.
-        at: addresses of the model, of these data, of ``qpos`` and of ``velocity``.
+        place: qpos, mocap_pos and mocap_quat of other data, written.
+        at: addresses of the model, of these data, of their qpos and of ``velocity``.
         chosen: MuJoCo's rows that take part already, bool (nefc,).
         seen: rows that the velocity closes, bool (nefc,); written.
         doubtful: see `leave_fast`.
@@ -192,13 +211,14 @@ def pass_over(contacts, geometry, extent, jacobian, velocity, timestep, middle, 
             for i in range(2):
                 if own < 0 or i == own:
                     thin += _thickness(geom[k, i], extent)
-            parts = np.ceil((-dist[k] - _way(address[k], jacobian, velocity, timestep)) / thin)
+            way = timestep * _rate(k, contacts, geometry, carriers, jacobian, velocity)
+            parts = np.ceil((-dist[k] - way) / thin)
             hit[k] = 2.0 * parts > _LOOKS
             if not hit[k]:
                 many, looks = many + 1, max(looks, 2 * int(parts))
     for i in range(looks, 0, -1):
         if many > 0:
-            _place(middle, qpos, velocity, i / looks * timestep, at)
+            _place(middle, carriers, place, i / looks * timestep, at)
             many = _hits(geom, address, at, chosen, seen, doubtful, hit)
     for k in range(len(dist)):
         if _is_asked(k, address, doubtful, chosen, seen) and not hit[k]:
@@ -227,17 +247,22 @@ _leave_fast, _leave_edges, _pass_over, _take_back = map(for_python, (leave_fast,
 
 
 class PassedEdges:
-    """Finds contacts that bodies pass, in steps that are taken in Python."""
+    """Finds contacts that bodies pass, in steps that are taken in Python.
 
-    def __init__(self, model: mujoco.MjModel):
-        self._model = model
+    Args:
+        model: the scene.
+        surfaces: surfaces that move during the step; None if there are none.
+    """
+
+    def __init__(self, model: mujoco.MjModel, surfaces: Surfaces | None):
+        self._model, self._surfaces = model, surfaces
         self._other: mujoco.MjData | None = None
 
     def leave_fast(self, data: mujoco.MjData, near: np.ndarray) -> np.ndarray:
         """Return the result of `leave_fast`, bool (ncon,); these rows are taken out of those that are near."""
         doubtful, model = np.zeros(data.ncon, dtype=bool), self._model
         motion = data.cvel, data.subtree_com, model.geom_aabb, model.opt.timestep
-        _leave_fast(_contacts(data), self._geometry(), motion, near, doubtful)
+        _leave_fast(_contacts(data), self._geometry(), motion, self._carriers(data), near, doubtful)
         return doubtful
 
     def take_back(self, data: mujoco.MjData, near: np.ndarray, seen: np.ndarray, doubtful: np.ndarray) -> None:
@@ -263,12 +288,17 @@ class PassedEdges:
         model = self._model
         if self._other is None:
             self._other = mujoco.MjData(model)
-        velocity = data.qvel.copy()
-        places = model._address, self._other._address, self._other.qpos.ctypes.data, velocity.ctypes.data
+        velocity, other = data.qvel.copy(), self._other
+        at = model._address, other._address, other.qpos.ctypes.data, velocity.ctypes.data
         _pass_over(
-            _contacts(data), self._geometry(), model.geom_aabb, sparse_jacobian(model, data), velocity,
-            model.opt.timestep, middle, self._other.qpos, places, near, seen, doubtful,
+            _contacts(data), self._geometry(), model.geom_aabb, self._carriers(data), sparse_jacobian(model, data),
+            velocity, model.opt.timestep, middle, (other.qpos, other.mocap_pos, other.mocap_quat), at, near, seen,
+            doubtful,
         )  # fmt: skip
+
+    def _carriers(self, data: mujoco.MjData) -> tuple[np.ndarray, ...]:
+        velocity = np.zeros((0, 6)) if self._surfaces is None else self._surfaces.middle_velocity
+        return data.mocap_pos, data.mocap_quat, velocity
 
     def _geometry(self) -> tuple[np.ndarray, ...]:
         m = self._model
