@@ -41,3 +41,25 @@ def test_normals_meet_the_axis(table):
     axis = np.cross([0.0, 0.0, 1.0], data.geom_xmat[1].reshape(3, 3)[:, 2])
     assert len(contacts) == 2
     np.testing.assert_allclose((contacts.position - data.qpos[:3]) @ axis, 0.0, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("seed", range(5))
+def test_a_rim_that_hits_a_face_does_not_make_a_smooth_cylinder_spin_about_its_axis(seed, way):
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><option gravity="0 0 0" integrator="RK4"/><worldbody>
+        <geom type="box" size="1 1 .1" euler="20 30 40" condim="1"/>
+        <body><freejoint/><geom type="cylinder" size=".04 .02" condim="1"/></body></worldbody></mujoco>"""
+    )
+    data, rng = mujoco.MjData(model), np.random.default_rng(seed)
+    mujoco.mj_kinematics(model, data)
+    normal = data.geom_xmat[0].reshape(3, 3)[:, 2]
+    attitude = rng.normal(size=4)
+    data.qpos[:] = *(0.4 * normal), *(attitude / np.linalg.norm(attitude))
+    data.qvel[:3] = -3.0 * normal + 0.5 * rng.normal(size=3)
+    stepper, collisions = Stepper(model, Moreau(0.8), **WAYS[way]), 0
+    for _ in range(60):
+        stepper.step(data)
+        collisions += len(stepper.events)
+    assert collisions > 0
+    assert abs(data.qvel[5]) < 1e-6

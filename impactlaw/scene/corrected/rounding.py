@@ -8,9 +8,10 @@ Distances of cylinders that stand on a plane are measured again. MuJoCo looks fo
 axis is tilted by an angle a from the normal, the height of that point has an error of some 1e-16 / a times the radius:
 a cylinder at rest on its face would be lifted and dropped, and may have no contact at all.
 
-The normal of a contact on the side of a cylinder meets its axis. MuJoCo's points on faces of boxes and meshes miss it
-by up to a percent of the radius, since all points nearby are almost equally near. A cylinder that lies on a table would
-roll away: its contact points are moved to where the normal meets the axis.
+The normal of a contact on the side or the rim of a cylinder meets its axis. MuJoCo's points on faces of boxes and
+meshes miss it by up to a percent of the radius, since all points nearby are almost equally near. A cylinder that lies
+on a table would roll away, and one whose rim hits a wall would spin: its contact points are moved to where the normal
+meets the axis. A single point on a mesh stays where it is, since it may be on an edge.
 """
 
 from __future__ import annotations
@@ -134,8 +135,24 @@ def _is_on_face(kind, turn, geom, frame, k, other):
 
 
 @plain
+def _is_inside_face(size, place, turn, other, pos, frame, k, edge):
+    """Return whether a contact point is on a face of a box, farther than ``edge``, m, from the edges of the face."""
+    faces, inside = 0, 0
+    for i in range(3):
+        along, way = 0.0, 0.0
+        for m in range(3):
+            along += turn[other, 3 * m + i] * frame[k, m]
+            way += turn[other, 3 * m + i] * (pos[k, m] - place[other, m])
+        if abs(along) >= 1.0 - SAME_NORMAL:
+            faces += 1
+        elif abs(way) < size[other, i] - edge:
+            inside += 1
+    return faces == 1 and inside == 2
+
+
+@plain
 def meet_axes(kind, size, place, turn, geom, pos, frame):
-    """Move contact points of cylinders that lie on faces along these so that normals meet the axes.
+    """Move contact points of cylinders on faces along these so that normals meet the axes.
 
     Return whether any moves. Contacts of the flat ends of cylinders stay as they are. For the arguments see
     `measure_standing`; ``pos`` is written.
@@ -149,7 +166,10 @@ def meet_axes(kind, size, place, turn, geom, pos, frame):
             continue
         if kind[other] != _BOX and kind[other] != _MESH and kind[other] != _FIELD:
             continue
-        if not _is_on_face(kind, turn, geom, frame, k, other):
+        inside = kind[other] == _BOX and _is_inside_face(
+            size, place, turn, other, pos, frame, k, MISSES_AXIS * size[own, 0]
+        )
+        if not inside and not _is_on_face(kind, turn, geom, frame, k, other):
             continue
         cosine, miss = 0.0, 0.0
         for i in range(3):
