@@ -25,7 +25,8 @@ CROSSED = 1e-2
 most: cylinders that cross at an angle touch along a shorter line.
 """
 CROSSES = 0.5  # cosine of the angle between axes from which MuJoCo does not measure crossing cylinders well
-SHORT_LINE = 1e-2  # length of that line, relative to the sum of the radii, up to which it is a point
+SHORT_LINE = 1e-2  # length of that line, relative to the sum of the radii, up to which it is a point with a capsule
+THIN_LINE = 1e-4  # the same for two cylinders, as for disks that hit each other rim to rim
 SUNK_IN = 0.5  # distance of the axes, relative to the sum of the radii, up to which cylinders are not side by side
 TOUCHING = 1e-6  # m: gap up to which a contact can hide others behind its plane
 FLUSH = 2e-6  # m: distance from that plane up to which geoms do not cross it

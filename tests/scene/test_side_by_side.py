@@ -49,6 +49,27 @@ def test_pucks_of_one_height_do_not_tip(angle, way):
 
 
 @pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("size", [".06 .0005", ".15 .0005"])
+def test_thin_disks_of_one_height_hit_once_and_do_not_tip(size, way):
+    """Their rims touch along a line of less than a percent of their radii."""
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option integrator="RK4"/>
+        <default><geom type="cylinder" size="{size}" mass=".1" friction="0"/></default>
+        <worldbody><geom type="plane" size="9 9 1"/><body pos="0 0 .0005"><freejoint/><geom/></body>
+        <body pos="{2 * float(size.split()[0]) + 0.01} 0 .0005" euler="0 0 20"><freejoint/><geom/></body>
+        </worldbody></mujoco>"""
+    )
+    data, collisions = mujoco.MjData(model), 0
+    data.qvel[6] = -1.0
+    stepper = Stepper(model, Moreau(1.0), **WAYS[way])
+    for _ in range(20):
+        stepper.step(data)
+        collisions += len(stepper.events)
+    assert collisions == 1
+    np.testing.assert_allclose(data.qvel, [-1.0] + 11 * [0.0], rtol=0.0, atol=1e-7)
+
+
+@pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("height", [0.03, 0.005])
 def test_cylinders_that_are_shifted_along_their_axes_turn_alike(height, way):
     """The whole line of contact then opens with e times the speed at which it closed."""

@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.compiled import for_python
-from impactlaw.scene.tolerances import CROSSED, CROSSES, SHORT_LINE, SIDE_BY_SIDE, SUNK_IN
+from impactlaw.scene.tolerances import CROSSED, CROSSES, SHORT_LINE, SIDE_BY_SIDE, SUNK_IN, THIN_LINE
 from impactlaw.solvers.cones.algebra.loops import plain
 
 CYLINDER, CAPSULE = int(mujoco.mjtGeom.mjGEOM_CYLINDER), int(mujoco.mjtGeom.mjGEOM_CAPSULE)
@@ -80,7 +80,8 @@ def _find_line(shapes, one, other, sign):
     cosine, between = _dot(a, b), _plus(_place(place, other), -1.0, _place(place, one))
     there, half, apart = _dot(a, between), cosine * size[other, 1], size[one, 0] + size[other, 0]
     low, high = max(-size[one, 1], there - half), min(size[one, 1], there + half)
-    if cosine < CROSSES or high - low < SHORT_LINE * apart:
+    shortest = THIN_LINE if kind[one] == CYLINDER and kind[other] == CYLINDER else SHORT_LINE
+    if cosine < CROSSES or high - low < shortest * apart:
         return 0.0, 0.0, none
     slant = _plus((b[0] / cosine, b[1] / cosine, b[2] / cosine), -1.0, a)
     square, start = _dot(slant, slant), _plus(between, -there / cosine, b)
