@@ -9,7 +9,8 @@ Lagrangians only, which come near the solution from any point.
 The rounds alternate between the alternating direction method and convex problems with an accelerated correction. Each
 of the two continues from its own last point, and is followed by Newton's method with another map, step and
 regularization. The best point of all is kept. If work is limited, the rounds end if they have not come near a solution
-and the convex problem is found to have none (`convex.out_of_reach`).
+and the convex problem is found to have none (`convex.out_of_reach`). If they stop near a solution while
+work is left, they begin again, from the best point.
 """
 
 import numpy as np
@@ -55,6 +56,7 @@ _STAGNANT, _HOPELESS = 4, 8  # rounds without an improvement by 10 %, after whic
 _PILE = 40  # number of rows from which bodies may be a pile
 _INTERIOR, _HANDED_ON = np.int64(15), 1e4  # steps of the interior point method, and tolerances at which it ends
 _HURRY = np.int64(2)  # patience of Newton's method before and after it, in piles
+_CLOSE, _SPARE = 1e-3, 0.25  # relative natural map, and part of the allowed work, for rounds from the best point
 _SHORT = 0.25  # part of the allowed work up to which rounds do not count as long
 
 
@@ -172,7 +174,12 @@ def solve_island(
         if ends or rounds < 2:
             return total, least
     taken, least = _rounds(P, K, G, x, start, least, scale, tolerance, rounds, few, left)
-    return total + taken, least
+    total += taken
+    if not large and _NEAR * tolerance < least <= _CLOSE * scale and left[0] > _SPARE:
+        put(start, x)
+        taken, least = _rounds(P, K, G, x, start, least, scale, tolerance, rounds, few, left)
+        total += taken
+    return total, least
 
 
 @plain
