@@ -25,6 +25,8 @@ SILENT = 0.1
 
 _ROUNDING = 1e-13  # rounding of a contact velocity in the kinetic metric, relative to the velocity of the whole scene
 _CLEAR = 1e-4  # contact velocity relative to that of the scene that is no rounding whatever M is (cond M < 1e18)
+_ALONG = 0.9  # cosine of the angle to the axis of a cylinder up to which two contacts lie along it
+_CYLINDER = int(mujoco.mjtGeom.mjGEOM_CYLINDER)
 _STILL = 1e-3  # part of the gap tolerance that a contact must cross in a timestep to count as moving
 
 
@@ -77,12 +79,27 @@ class ContactState(NamedTuple):
         return ContactState(self.contact_set, self.closed, self.still, *motion, active, contact_forces, force)
 
     def _may_jump(self, active: np.ndarray | None) -> bool:
-        """Return whether points of held contacts may jump on common faces; the point on a rim runs along it instead."""
+        """Return whether points of held contacts may jump on common faces.
+
+        A point on a rim runs along it instead, as do both ends of the line on which a cylinder lies.
+        """
         vague = self.pattern.vague if active is None else self.pattern.vague & active
         if not np.count_nonzero(vague):
             return False
-        key = self.pattern.key[vague]
-        return bool(np.count_nonzero(vague & ~self.pattern.rolling)) or len(np.unique(key)) < len(key)
+        if np.count_nonzero(vague & ~self.pattern.rolling):
+            return True
+        _, first, count = np.unique(self.pattern.key[vague], return_index=True, return_counts=True)
+        if count.max() > 2:
+            return True
+        chosen = np.flatnonzero(vague)
+        return not self._are_lines(chosen[first[count == 2]], chosen[first[count == 2] + 1])
+
+    def _are_lines(self, one: np.ndarray, other: np.ndarray) -> bool:
+        """Return whether contacts, (k,), and others of the same geoms, (k,), lie along the axis of a cylinder each."""
+        geoms, line = self.contacts.geoms[one], self.contacts.position[other] - self.contacts.position[one]
+        axis = self.frames.rotation[geoms].reshape(-1, 2, 3, 3)[..., 2]
+        along = np.abs(np.einsum("kgi,ki->kg", axis, line)) > _ALONG * np.linalg.norm(line, axis=1)[:, None]
+        return bool(np.any(along & (self.configuration.model.geom_type[geoms] == _CYLINDER), axis=1).all())
 
     @property
     def configuration(self) -> Configuration:
