@@ -12,8 +12,20 @@ from impactlaw.scene.contacts import Contacts, constraint_rows
 _JOINT = int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT)
 _TENDON = int(mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON)
 _BALL = int(mujoco.mjtJoint.mjJNT_BALL)
+_WRAP_JOINT = int(mujoco.mjtWrap.mjWRAP_JOINT)
 NO_GEOM = -1
 """The geom ids of a contact that is a limit."""
+
+
+def slack_ropes(model: mujoco.MjModel) -> np.ndarray:
+    """Return the tendons through sites whose lower limit is 0 or less, int (k,).
+
+    That limit never acts: where the ends of a rope pass each other, its length grows again from 0.
+    """
+    if not model.ntendon:
+        return np.zeros(0, dtype=int)
+    sites = model.wrap_type[model.tendon_adr] != _WRAP_JOINT
+    return np.flatnonzero(sites & (model.tendon_range[:, 0] <= 0.0))
 
 
 class LimitRows(NamedTuple):

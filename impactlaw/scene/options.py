@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import mujoco
 
-from impactlaw.scene.tolerances import CCD_TOLERANCE
+from impactlaw.scene.joint_limits import slack_ropes
+from impactlaw.scene.tolerances import CCD_TOLERANCE, NEVER
 
 _CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 _SMOOTH_OFF = _CONTACT | int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
@@ -57,6 +58,8 @@ class BorrowedOptions:
         if self._limits:
             look &= ~_LIMIT | disabled
             self._kept_margins = self._model.jnt_margin.copy(), self._model.tendon_margin.copy()
+            self._kept_ranges = self._model.tendon_range.copy()
+            self._model.tendon_range[slack_ropes(self._model), 0] = NEVER
         self._look = look, (enabled | _OVERRIDE) & ~_SLEEP
         if self._convex:
             self._kept_ccd = opt.ccd_tolerance, opt.ccd_iterations
@@ -74,6 +77,7 @@ class BorrowedOptions:
             opt.ccd_tolerance, opt.ccd_iterations = self._kept_ccd
         if self._limits:
             self._model.jnt_margin[:], self._model.tendon_margin[:] = self._kept_margins
+            self._model.tendon_range[:] = self._kept_ranges
         del self._opt  # cannot be copied or pickled
 
     def integrate(self, duration: float) -> None:

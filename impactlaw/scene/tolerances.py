@@ -40,6 +40,7 @@ SUNK_MEASURED = 3.0  # the same where the body is moved to see whether it gets d
 ASKEW, ASKEW_SPHERE = 0.5, 1.0 - 1e-6  # cosine of the angle to its normal up to which it hides contacts
 ASKEW_MEASURED = 0.9  # the same where the body is moved to see whether it gets deeper
 OUT_OF_REACH = 1.0  # m: gap given to hidden contacts
+NEVER = -1e10  # m: lower limit that the length of a rope never reaches
 MIN_FRICTION = 1e-10  # coefficient up to which there is no friction
 NO_FRICTION = 1.0000001e-5  # the same for MuJoCo's contacts, whose smallest coefficient, 1e-5, means no friction
 PUT = 20.0

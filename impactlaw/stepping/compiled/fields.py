@@ -28,6 +28,7 @@ _Model = namedtuple(
     "_Model",
     "nq nv na nactuator nbody njnt ngeom npair nflex ntendon ntree neq nmocap nC nplugin nhistory nsensordata "
     "flg_adhesion actuator_trntype body_margin geom_margin geom_gap pair_margin pair_gap jnt_margin tendon_margin "
+    "tendon_range tendon_adr wrap_type "
     "geom_bodyid geom_type geom_pos geom_rbound geom_size geom_aabb body_ipos body_pos body_parentid body_dofadr "
     "body_dofnum body_rootid body_treeid body_weldid body_mocapid M_rownnz M_rowadr M_colind dof_treeid dof_bodyid "
     "dof_M0 dof_invweight0 dof_simplenum body_subtreemass tree_dofadr tree_dofnum dof_damping dof_dampingpoly "

@@ -5,7 +5,9 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from impactlaw.scene.joint_limits import slack_ropes
 from impactlaw.scene.pairs import some_side_by_side
+from impactlaw.scene.tolerances import NEVER
 from impactlaw.stepping.integration import NO_DAMPING, damps
 from impactlaw.stepping.time_stepping.standing_cylinders import has_standing
 
@@ -54,6 +56,8 @@ class TemporaryOptions:
         self._options = flags, opt.enableflags, integrator, opt.solver, opt.noslip_iterations
         for kept, array in zip(self._kept, self._margins, strict=True):
             kept[:] = array
+        self._ranges = model.tendon_range.copy()
+        model.tendon_range[slack_ropes(model), 0] = NEVER
         for gap in self._gaps:
             gap[:] = 0.0
         opt.disableflags = flags | OFF
@@ -94,6 +98,7 @@ class TemporaryOptions:
         opt.cone = self.cone
         for kept, array in zip(self._kept, self._margins, strict=True):
             array[:] = kept
+        self._model.tendon_range[:] = self._ranges
 
     def __getstate__(self) -> dict[str, mujoco.MjModel]:
         """Return the model only: a copy changes the copy of the model."""

@@ -1,6 +1,6 @@
 """Copy the model's structure for one step with its own options and margins; the user's model stays unchanged.
 
-The copy shares all arrays except those of margins, so that many threads can step worlds of one model.
+The copy shares all arrays except margins and ranges of tendons, so that many threads can step worlds of one model.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from impactlaw.scene.tolerances import NEVER
 from impactlaw.solvers.cones.algebra.loops import plain, put
 from impactlaw.stepping.compiled.access import model_floats, size
 from impactlaw.stepping.compiled.fields import (
@@ -28,12 +29,13 @@ _OFF, _ON = temporary_options.OFF, temporary_options.ON
 _EULER, _RK4, _FAST = temporary_options.EULER, temporary_options.RK4, temporary_options.FAST
 _ELLIPTIC, _NEWTON = temporary_options.ELLIPTIC, temporary_options.NEWTON
 _NO_DAMPING = int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP) | int(mujoco.mjtDisableBit.mjDSBL_DAMPER)
+_WRAP_JOINT = int(mujoco.mjtWrap.mjWRAP_JOINT)
 _POLYNOMIAL = 2  # number of coefficients of each degree of freedom, MuJoCo's mjNPOLY
 
 
 def room(model: mujoco.MjModel) -> int:
     """Return the number of 64-bit numbers that a copy of a model needs in addition to its structure."""
-    return model.nbody + 2 * model.ngeom + 2 * model.npair + model.njnt + model.ntendon
+    return model.nbody + 2 * model.ngeom + 2 * model.npair + model.njnt + 3 * model.ntendon
 
 
 @plain
@@ -48,7 +50,7 @@ def copy_model(user, model, margins, table, sticks):
     Args:
         user: address of the model.
         model: address of its copy.
-        margins: room for margins, (room,).
+        margins: room for margins and for ranges of tendons, (room,).
         table: address of offsets of fields.
         sticks: whether bodies can stick across gaps.
     """
@@ -70,6 +72,7 @@ def copy_model(user, model, margins, table, sticks):
             put(margins[begin : begin + n], floats(long_at(user + _at(table, field)), n))
         put_long(model + _at(table, field), address_of(margins) + 8 * begin)
         begin += n
+    _copy_ranges(user, model, margins, begin, table)
     off, on = model + _at(table, MODEL.opt_disableflags), model + _at(table, MODEL.opt_enableflags)
     put_int(off, np.int32(int_at(off) | _OFF))
     put_int(on, np.int32(int_at(on) & ~_ON))
@@ -82,6 +85,19 @@ def copy_model(user, model, margins, table, sticks):
     kind = int_at(integrator)
     put_int(integrator, np.int32(_EULER if kind == _EULER or kind == _RK4 else _FAST))
     return chosen
+
+
+@plain
+def _copy_ranges(user, model, room, begin, table):
+    """Write ranges of tendons; those of `scene.joint_limits.slack_ropes` never reach their lower limit."""
+    n = long_at(user + _at(table, MODEL.ntendon))
+    ranges = room[begin : begin + 2 * n]
+    put(ranges, floats(long_at(user + _at(table, MODEL.tendon_range)), 2 * n))
+    first, kind = long_at(user + _at(table, MODEL.tendon_adr)), long_at(user + _at(table, MODEL.wrap_type))
+    for i in range(n):
+        if ranges[2 * i] <= 0.0 and int_at(kind + 4 * int_at(first + 4 * i)) != _WRAP_JOINT:
+            ranges[2 * i] = NEVER
+    put_long(model + _at(table, MODEL.tendon_range), address_of(room) + 8 * begin)
 
 
 @plain
