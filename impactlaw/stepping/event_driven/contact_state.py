@@ -79,20 +79,21 @@ class ContactState(NamedTuple):
         return ContactState(self.contact_set, self.closed, self.still, *motion, active, contact_forces, force)
 
     def _may_jump(self, active: np.ndarray | None) -> bool:
-        """Return whether points of held contacts may jump on common faces.
+        """Return whether points of held contacts may jump: on height fields, and on the flat end of a cylinder.
 
-        A point on a rim runs along it instead, as do both ends of the line on which a cylinder lies.
+        A single point on a rim runs along it instead, as do both ends of the line on which a cylinder lies. Corners of
+        meshes move with them.
         """
         vague = self.pattern.vague if active is None else self.pattern.vague & active
         if not np.count_nonzero(vague):
             return False
         if np.count_nonzero(vague & ~self.pattern.rolling):
             return True
-        _, first, count = np.unique(self.pattern.key[vague], return_index=True, return_counts=True)
-        if count.max() > 2:
-            return True
-        chosen = np.flatnonzero(vague)
-        return not self._are_lines(chosen[first[count == 2]], chosen[first[count == 2] + 1])
+        cylinders = self.configuration.model.geom_type[self.contacts.geoms] == _CYLINDER
+        chosen = np.flatnonzero(vague & cylinders.any(axis=1))
+        _, first, count = np.unique(self.pattern.key[chosen], return_index=True, return_counts=True)
+        one = chosen[first[count == 2]]
+        return count.max(initial=0) > 2 or not self._are_lines(one, chosen[first[count == 2] + 1])
 
     def _are_lines(self, one: np.ndarray, other: np.ndarray) -> bool:
         """Return whether contacts, (k,), and others of the same geoms, (k,), lie along the axis of a cylinder each."""

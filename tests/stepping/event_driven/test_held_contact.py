@@ -27,6 +27,9 @@ RIM = f"""{PLANE}<body pos="0 0 {0.1 * np.sin(0.3) + 0.02 * np.cos(0.3)}" quat="
   <freejoint/><geom type="cylinder" size=".1 .02" mass="1"/></body>"""
 LYING = """<body pos="0 0 .2"><freejoint/><geom type="cylinder" size=".2 .05" euler="90 0 0" mass="0" friction="2"/>
   <inertial pos="0 0 .1" mass="1" diaginertia=".03 .03 .03"/></body>"""
+CORNERS = " ".join(f"{x} {y} {z}" for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1))
+CUBE = f"""<body pos="0 0 .1"><freejoint/><geom type="mesh" mesh="cube" mass="1"/>{PENDULUM}</body></worldbody>
+  <asset><mesh name="cube" vertex="{CORNERS}"/></asset><worldbody>"""
 CURVED = '<geom size="1" pos="0 0 -1"/>'
 
 
@@ -74,6 +77,7 @@ def test_a_sphere_at_rest_that_carries_a_pendulum_keeps_its_energy(integrator, t
         pytest.param(CURVED + ROLLING, [0.3, 0.1, 0, -1, 3, 0, 6], "coulomb", id="rolls on a sphere"),
         pytest.param(PLANE + LYING, [0.6, 0, 0, 0, 3, 0], "coulomb", id="cylinder rolls on a plane"),
         pytest.param(PLANE + LYING, [0.6, 0, 0, 0, 3, 0], "ignore", id="cylinder slides on a plane"),
+        pytest.param(PLANE + CUBE, [0.3, 0, 0, 0, 0, 0, 3], "ignore", id="mesh slides on a plane"),
         pytest.param(ARM, [0, 0], "ignore", id="damped arm slides"),
         pytest.param(ARM, [0, 0], "coulomb", id="damped arm slides with friction"),
     ],
