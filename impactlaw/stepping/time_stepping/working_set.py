@@ -87,7 +87,7 @@ class WorkingSet:
         """
         free, h, begun = data.qvel.copy(), self.model.opt.timestep, self.work[0]
         near, sets = self.reader.near(data, self.velocity, free, 2.0 * h), 1
-        doubtful = self.edges.leave_fast(data, near)
+        doubtful = self.edges.leave_fast(data, self.velocity, near)
         if np.count_nonzero(doubtful):
             new = self.reader.near(data, free, free, h)
             self.edges.pass_over(data, self.middle, near, new, doubtful)

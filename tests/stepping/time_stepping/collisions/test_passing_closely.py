@@ -14,18 +14,25 @@ TARGETS = {  # what is passed, and how far it reaches along x
     "moving ball": ('<body><freejoint/><geom size=".05" mass=".1"/></body>', 0.05),
     "moving plate": ('<body><joint axis="0 1 0"/><geom type="box" size=".3 .2 .01" mass="9"/></body>', 0.3),
 }
+FAN = """<body pos="0 3 0"><joint axis="0 0 1"/><geom type="capsule" size=".01" fromto="0 0 0 .2 0 0"/>
+    <body pos=".2 0 0"><joint axis="0 0 1"/><geom type="capsule" size=".01" fromto="0 0 0 .2 0 0"/></body></body>"""
 
 
-def _flown_past(target, clearance, speed, *, time, **options):
-    """Return the velocity of a ball across its way after it came past a target; its path begins so many s before."""
+def _flown_past(target, clearance, speed, *, time, turning=0.0, **options):
+    """Return the velocity of a ball across its way after it came past a target; its path begins so many s before.
+
+    A fan far away from them is `turning`, rad/s, if this is not 0.
+    """
     xml, edge = TARGETS[target]
     model = mujoco.MjModel.from_xml_string(
-        f"""<mujoco><option gravity="0 0 0"/><worldbody>{xml}
+        f"""<mujoco><option gravity="0 0 0"/><worldbody>{xml}{FAN if turning else ""}
         <body pos="{edge + R + clearance} 0 {speed * time}"><freejoint/><geom size="{R}" mass=".003"/></body>
         </worldbody></mujoco>"""
     )
     data = mujoco.MjData(model)
     data.qvel[-4] = -speed
+    if turning:
+        data.qvel[-8] = turning
     stepper = Stepper(model, Moreau(0.8), scheme="time-stepping", **options)
     stepper.step(data, 40)
     assert stepper.short_steps == 0
@@ -51,6 +58,15 @@ def test_steps_in_python_miss_and_hit_the_same(target):
     for clearance in (-3e-3, 2e-4, 5e-3):
         found = [_flown_past(target, clearance, 18.0, time=0.021, compiled=how) for how in ("auto", "never")]
         np.testing.assert_allclose(*found, rtol=1e-10, atol=1e-10)
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+@pytest.mark.parametrize("target", TARGETS)
+def test_it_makes_no_difference_whether_other_bodies_turn_fast(target, compiled):
+    """A fan that turns by 0.8 rad in a timestep once let balls hit all that they missed by little."""
+    for time in np.linspace(0.02, 0.022, 7):
+        velocity = _flown_past(target, 2e-4, 18.0, time=time, turning=400.0, compiled=compiled)
+        assert velocity.tolist() == [0.0, 0.0, -18.0]
 
 
 def test_a_fast_ball_bounces_off_a_thin_plate():

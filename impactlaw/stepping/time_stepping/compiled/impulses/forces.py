@@ -29,6 +29,15 @@ def forces_at(w, velocity, bias):
     _swap(now, velocity)
 
 
+@plain
+def move_bodies(w, velocity):
+    """Compute the velocities of bodies for a velocity, (nv,); that of data stays unchanged."""
+    now = velocity_of(w)
+    _swap(now, velocity)
+    mj.com_vel(w.model, w.data)
+    _swap(now, velocity)
+
+
 @kernel
 def lead_to(w, start, bias, free):
     """Write the velocity without contact for given inertial forces with gravity, (nv,) each; see `settle`."""

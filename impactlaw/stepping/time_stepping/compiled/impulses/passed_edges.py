@@ -16,7 +16,9 @@ from impactlaw.stepping.compiled.access import (
     velocity_of,
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, floats, long_at
+from impactlaw.stepping.time_stepping.compiled.impulses.forces import move_bodies
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import middle_velocities
+from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.problem.detection.passed_edges import (
     leave_edges,
     leave_fast,
@@ -49,10 +51,12 @@ def _carriers(w):
 
 
 @plain
-def doubt_fast(w, chosen, doubtful):
-    """Leave contacts of fast bodies out that may miss, see `leave_fast`."""
+def doubt_fast(w, start, chosen, doubtful):
+    """Leave contacts of bodies out that are fast at the start of the step and may miss, see `leave_fast`."""
     if number(w, DATA.ncon) == 0:
         return False
+    if setting(w, SETTING.inertial) != 0.0:
+        move_bodies(w, start)  # inertial forces have left velocities of bodies at another velocity
     nbody, extent = size(w, MODEL.nbody), model_floats(w, MODEL.geom_aabb, (size(w, MODEL.ngeom), 6))
     motion = data_floats(w, DATA.cvel, (nbody, 6)), data_floats(w, DATA.subtree_com, (nbody, 3)), extent, w.timestep
     return leave_fast(_contacts(w), _geometry(w), motion, _carriers(w), chosen, doubtful)

@@ -87,7 +87,7 @@ def find_impulses(
     still, unseen, begun = free[:0], False, floats(w.work, 1)[0]
     put(free, qvel)
     near(w, jacobian, start, free, 2.0 * h, chosen)
-    doubts = doubt_fast(w, chosen, doubtful)
+    doubts = doubt_fast(w, start, chosen, doubtful)
     if doubts:
         near(w, jacobian, free, free, h, seen)
         look_ahead(w, jacobian, middle, chosen, seen, doubtful)

@@ -258,9 +258,15 @@ class PassedEdges:
         self._model, self._surfaces = model, surfaces
         self._other: mujoco.MjData | None = None
 
-    def leave_fast(self, data: mujoco.MjData, near: np.ndarray) -> np.ndarray:
-        """Return the result of `leave_fast`, bool (ncon,); these rows are taken out of those that are near."""
-        doubtful, model = np.zeros(data.ncon, dtype=bool), self._model
+    def leave_fast(self, data: mujoco.MjData, start: np.ndarray, near: np.ndarray) -> np.ndarray:
+        """Return the result of `leave_fast`, bool (ncon,), for the velocity at the start of the step, (nv,).
+
+        The rows of these contacts are taken out of those that are near.
+        """
+        doubtful, model, free = np.zeros(data.ncon, dtype=bool), self._model, data.qvel.copy()
+        data.qvel[:] = start
+        mujoco.mj_comVel(model, data)  # inertial forces have left velocities of bodies at another velocity
+        data.qvel[:] = free
         motion = data.cvel, data.subtree_com, model.geom_aabb, model.opt.timestep
         _leave_fast(_contacts(data), self._geometry(), motion, self._carriers(data), near, doubtful)
         return doubtful
