@@ -242,7 +242,7 @@ class TimeStepping:
         self._velocity, start = data.qvel.copy(), data.qpos.copy()
         self._middle, self._overflown = to_midpoint(model, data, self._surfaces, self._options)
         self._metric = free_step(model, data, self._options, self.inertial, self._velocity, self._held)
-        self._gained, free = data.qvel - self._velocity, data.qvel.copy()
+        self._gained, self._held = data.qvel - self._velocity, np.zeros(model.nv)
         shift, met = None, True
         if data.nefc:
             shift, met = self._contact(data, start if same else None)
@@ -250,9 +250,6 @@ class TimeStepping:
             self._known, self.solved = None, self.solved and not self._overflown
             self.short_steps += self._overflown
             data.qacc[:] = (data.qvel - self._velocity) / h
-        self._held = np.zeros(model.nv)
-        if self._found is not None and not self._found.collisions:
-            self._held = data.qvel - free
         data.qpos[:] = self._middle
         if model.nsensordata:
             sense(model, data, self._velocity, self._listed)
@@ -306,6 +303,8 @@ class TimeStepping:
         self.short_steps += self._counted
         self._known = outcome.known if found else None
         if found:
+            if not found.collisions:
+                self._held = data.qvel - outcome.free
             rows = outcome.rows
             take_turns(rows.groups, rows.rates, found.impulse, found.reached, found.sliding)
         self.shortfall = found.shortfall if found else 0.0

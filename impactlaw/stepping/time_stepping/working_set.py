@@ -35,6 +35,7 @@ class Outcome:
     rows: Rows  # rows that take part, possibly none
     impulses: StepImpulses | None  # impulses and velocities of contact; None without rows
     known: Known | None  # impulses, a guess for the next working set or step
+    free: np.ndarray  # velocity without contact, (nv,), with the inertial forces that were used
     unseen: bool = False  # whether contacts are left out that the resulting velocity would close
 
     @property
@@ -156,7 +157,7 @@ class WorkingSet:
         """Solve the problem of the rows that are near; between half steps, the same contacts collide as before."""
         rows = self.reader.read(data, near, self.velocity, free, self.metric)
         if not len(rows.key):
-            return Outcome(rows, None, known)
+            return Outcome(rows, None, known, free)
         if known is not None:
             recall_turns(rows.groups, rows.key, rows.rates, known.groups, known.key, known.turns)
         before = self.velocity
@@ -168,4 +169,4 @@ class WorkingSet:
         step = Start(data, before, free, self.middle, self.metric, self.work)
         found = self.problem.find(step, rows, known, self.rounds, phases=self.phases)
         data.qvel[:] = found.velocity
-        return Outcome(rows, found, rows.known(found.impulse))
+        return Outcome(rows, found, rows.known(found.impulse), free)

@@ -122,3 +122,21 @@ def test_a_light_link_that_turns_by_radians_in_a_step_does_not_diverge(seed, com
     for _ in range(50):
         stepper.step(data)
     assert energy(model, data) < 1.01 * start
+
+
+@pytest.mark.parametrize("start", [(1.0471938, -214.0, 0.024), (1.0471966, -194.0, 0.165), (1.0471967, -225.0, 0.0048)])
+def test_links_that_turn_fast_and_hardly_hit_a_limit_go_on_alike_in_python(start):
+    """Between half steps the limit is hit no more: what contact has done then is no part of the inertial forces."""
+    link = '<geom type="capsule" size=".02" fromto="0 0 0 .2 0 0" mass="{}"/>'.format
+    limited = f'<body pos=".2 0 0"><joint axis="0 0 1" range="-60 60"/>{link(0.3)}</body>'
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option gravity="0 0 0"/><worldbody><body><joint axis="0 0 1"/>{link(1)}{limited}</body></worldbody>
+        </mujoco>"""
+    )
+    found = []
+    for how in ("auto", "never"):
+        data = mujoco.MjData(model)
+        data.qpos[1], *data.qvel[:] = start
+        Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=how).step(data, 3)
+        found.append(data.qvel)
+    np.testing.assert_allclose(*found, rtol=1e-10)
