@@ -1,8 +1,10 @@
 """Nearest points that MuJoCo's contacts lack, and both ends of lines along which cylinders touch.
 
 Of the corners that two faces share, MuJoCo keeps four which span a large area, and cylinders have corners, too. The
-nearest point of two geoms may therefore be missing. It then replaces one of their contacts. Cylinders that touch along
-a line get a contact at each of its ends, see `scene.corrected.side_by_side`.
+nearest point of two geoms may therefore be missing. It then replaces one of their contacts. So it does where MuJoCo
+takes faces for parallel that are not quite so: it gives an edge beside the common part of these faces the normal of one
+of them, which is wrong by up to 5 degrees. Cylinders that touch along a line get a contact at each of its ends, see
+`scene.corrected.side_by_side`.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ import numpy as np
 
 from impactlaw.compiled import for_python
 from impactlaw.scene.corrected.side_by_side import END, find_ends, some_can_lie
-from impactlaw.scene.tolerances import APART
+from impactlaw.scene.tolerances import APART, PARALLEL
 from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.fields import address_of, floats, ints, keep
@@ -22,14 +24,15 @@ _CAPSULE, _CYLINDER, _BOX, _MESH = (
 )
 _CORNERS = 4  # largest number of corners of a face that MuJoCo keeps
 _MISSED = 1e-6  # m: difference of gaps up to which the nearest point may be missing
-_TURNED = 0.9998  # cosine of the angle to the normal of the nearest point from which that is used
+_TURNED = 0.9998  # cosine of the angle to the normal of the nearest point from which that is used ...
+_ASIDE = 2e-6  # m: ... if the nearest points are that far beside each other, seen along the other normal
 
 
 @plain
 def _can_miss(one, other, many, spread):
-    """Return whether the nearest point of two shapes can be missing among MuJoCo's points of contact.
+    """Return whether the nearest point of two shapes can be missing among MuJoCo's points of contact, or its normal.
 
-    If one of them is round, even a single point can be wrong. Four points of one height are level corners.
+    Even a single point can be wrong. Four points of one height are level corners.
 
     Args:
         one: type of a geom.
@@ -39,9 +42,8 @@ def _can_miss(one, other, many, spread):
     """
     if many == _CORNERS and spread <= _MISSED:
         return False
-    long = one in (_CAPSULE, _CYLINDER) or other in (_CAPSULE, _CYLINDER)
     known = one in (_CAPSULE, _CYLINDER, _BOX, _MESH) and other in (_CAPSULE, _CYLINDER, _BOX, _MESH)
-    return known and (many > 1 or long) and (one in (_CYLINDER, _MESH) or other in (_CYLINDER, _MESH))
+    return known and (one in (_CYLINDER, _MESH) or other in (_CYLINDER, _MESH))
 
 
 @plain
@@ -59,6 +61,30 @@ def _turn(frame, normal):
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         frame[6 + i] = frame[j] * frame[3 + k] - frame[k] * frame[3 + j]
+
+
+@plain
+def _turn_others(first, end, nearest, normal, dist, frame):
+    """Give the other contacts of faces that MuJoCo takes for parallel the normal of the nearest point."""
+    for k in range(first, end):
+        cosine = 0.0
+        for i in range(3):
+            cosine += frame[k, i] * normal[i]
+        if k != nearest and PARALLEL < cosine < _TURNED:
+            dist[k] /= cosine
+            _turn(frame[k], normal)
+
+
+@plain
+def _is_aside(first, end, gap, segment, frame):
+    """Return whether the nearest points of two geoms are beside each other, seen along the normals of contacts."""
+    for k in range(first, end):
+        along = 0.0
+        for i in range(3):
+            along += (segment[3 + i] - segment[i]) * frame[k, i]
+        if 0.0 < along / gap < _TURNED and gap * gap - along * along > _ASIDE * _ASIDE:
+            return True
+    return False
 
 
 @plain
@@ -83,11 +109,12 @@ def _replace(first, end, gap, segment, dist, pos, frame):
         for i in range(3):
             segment[6 + i] = (segment[3 + i] - segment[i]) / gap
         _turn(frame[nearest], segment[6:])
+        _turn_others(first, end, nearest, segment[6:], dist, frame)
 
 
 @kernel
 def add_nearest(dist, pos, frame, geom, shape, margin, at):
-    """Replace contacts of two geoms whose nearest point is missing by that point; return whether any is missing.
+    """Replace contacts of two geoms whose nearest point or its normal is missing; return whether any is missing.
 
     Args:
         dist: gaps, m, (ncon,); written, like the next two.
@@ -106,9 +133,10 @@ def add_nearest(dist, pos, frame, geom, shape, margin, at):
             least, most, end = min(least, dist[end]), max(most, dist[end]), end + 1
         if not _can_miss(shape[one], shape[other], end - first, most - least):
             continue
-        bound = min(least - _MISSED, 0.5 * (margin[one] + margin[other]))
-        gap = mj.geom_distance(at[0], at[1], one, other, max(bound, APART), address_of(segment))
-        if gap < bound:
+        reach = 0.5 * (margin[one] + margin[other])
+        bound, found = min(least - _MISSED, reach), min(least + abs(least) + _MISSED, reach)
+        gap = mj.geom_distance(at[0], at[1], one, other, max(found, APART), address_of(segment))
+        if gap < bound or (gap < found and abs(gap) > _MISSED and _is_aside(first, end, gap, segment, frame)):
             some = True
             _replace(first, end, gap, segment, dist, pos, frame)
     keep(segment)
