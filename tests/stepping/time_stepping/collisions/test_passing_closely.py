@@ -128,3 +128,40 @@ def test_rackets_in_python_miss_and_hit_the_same(kind):
         hows = "auto", "never"
         found = [_flown_past_racket(kind, clearance, 9.0, 9.0, time=0.021, compiled=how) for how in hows]
         np.testing.assert_allclose(*found, rtol=1e-10, atol=1e-10)
+
+
+EDGED = {"mesh": 'type="mesh" mesh="cube"', "cylinder": 'type="cylinder" size=".05 .05"'}
+
+
+def _fallen_past(table, shape, clearance, speed, *, time, **options):
+    """Return the velocity of a body with edges after it fell past a table's edge; it begins so many s before."""
+    cube = "-1 -1 -1 -1 -1 1 -1 1 -1 -1 1 1 1 -1 -1 1 -1 1 1 1 -1 1 1 1"
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option gravity="0 0 0"/><asset><mesh name="cube" vertex="{cube}" scale=".05 .05 .05"/></asset>
+        <worldbody><geom {EDGED[table]}/><body pos="{0.1 + clearance} 0 {0.1 + speed * time}"><freejoint/>
+        <geom {EDGED[shape]}/></body></worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    data.qvel[2] = -speed
+    stepper = Stepper(model, Moreau(0.8), scheme="time-stepping", **options)
+    stepper.step(data, round((time + 0.2 / speed) / model.opt.timestep))
+    return data.qvel[:3]
+
+
+@pytest.mark.parametrize("speed", [0.5, 3.0])
+@pytest.mark.parametrize("shape", EDGED)
+@pytest.mark.parametrize("table", EDGED)
+def test_edges_pass_each_other(table, shape, speed):
+    """Regression: edges turned back where they pass each other nearer than half the way of a step."""
+    for clearance in (1e-4, 1e-3):
+        for time in np.linspace(0.02, 0.0215, 4):
+            assert _fallen_past(table, shape, clearance, speed, time=time).tolist() == [0.0, 0.0, -speed]
+
+
+@pytest.mark.parametrize("shape", EDGED)
+def test_edges_hit_and_pass_each_other_in_python_as_in_compiled_code(shape):
+    for clearance in (-1e-3, 3e-4):
+        hows = "auto", "never"
+        found = [_fallen_past("mesh", shape, clearance, 3.0, time=0.021, compiled=how) for how in hows]
+        np.testing.assert_allclose(*found, rtol=1e-10, atol=1e-10)
+        assert (found[0][2] > 0.0) == (clearance < 0.0)

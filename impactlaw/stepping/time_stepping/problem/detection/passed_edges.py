@@ -5,7 +5,8 @@ piece ahead. That gap closes along its gradient, but the body passes over the ed
 another ball, that a fast ball flies past. Open contacts are therefore left out at first
 
 - of a body with a fixed one, where it has a nearer contact with fixed bodies in another direction;
-- of bodies that move along each other by more than a quarter of their half thickness in a timestep.
+- of bodies that move along each other by more than a quarter of their half thickness in a timestep, or by more than a
+  hundredth of their gap if both have edges.
 
 If the resulting velocity v+ closes them, the gap is measured where it leads, at ``q_M ⊕ h v+``, where the next step
 looks for contacts, and on the way there. Only contacts of bodies that overlap there take part. Fast bodies that do so
@@ -26,13 +27,19 @@ from impactlaw.stepping.compiled.dense import sparse_jacobian
 from impactlaw.stepping.compiled.left_out.hidden_edges import moving_side
 from impactlaw.stepping.time_stepping.problem.detection.carriers import carried_at, carry_on
 
-_PLANE, _SDF = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_SDF)
+_PLANE, _CYLINDER, _BOX, _MESH, _SDF = (
+    int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("PLANE", "CYLINDER", "BOX", "MESH", "SDF")
+)
 _SAME = 1.0 - 1e-6
 """Cosine of the angle between two normals from which they are one direction."""
 _PASSED = 3e-6
 """Overlap, m, up to which a body passes over an edge."""
 _FAST = 0.25
-"""Way of bodies along each other in a timestep, relative to half the thickness of the thinner one, that is long."""
+"""Way of bodies along each other in a timestep, relative to half the thickness of the thinner one, that is long ..."""
+_BESIDE = 1e-2
+"""... or relative to their gap, if both have edges: as these come nearer, the gradient of the gap turns at once."""
+_NEARLY = 1e-5
+"""Gap, m, up to which bodies nearly touch: they may slide on each other."""
 _LOOKS = 8
 """Largest number of places where a gap is measured."""
 
@@ -44,6 +51,12 @@ def _can_pass(pair, shape):
     for i in range(2):
         can = can and shape[pair[i]] != _PLANE and shape[pair[i]] != _SDF
     return can
+
+
+@plain
+def _has_edges(kind):
+    """Return whether geoms of a type have edges."""
+    return kind in (_CYLINDER, _BOX, _MESH)
 
 
 @plain
@@ -70,15 +83,17 @@ def _velocity(axis, g, point, geometry, motion, carriers):
 
 
 @plain
-def _is_fast(pair, point, frame, geometry, motion, carriers):
-    """Return whether two geoms move along each other by a long way in a timestep, see `_FAST`."""
-    (_, _, extent, timestep), square, along = motion, 0.0, 0.0
+def _is_fast(pair, gap, point, frame, geometry, motion, carriers):
+    """Return whether two geoms move along each other by a long way in a timestep, see `_FAST` and `_BESIDE`."""
+    (_, _, extent, timestep), shape, square, along = motion, geometry[0], 0.0, 0.0
     for axis in range(3):
         v = _velocity(axis, pair[1], point, geometry, motion, carriers)
         v -= _velocity(axis, pair[0], point, geometry, motion, carriers)
         square += v * v
         along += v * frame[axis]
     way = _FAST * min(_thickness(pair[0], extent), _thickness(pair[1], extent))
+    if _has_edges(shape[pair[0]]) and _has_edges(shape[pair[1]]) and gap > _NEARLY:
+        way = min(way, _BESIDE * gap)
     return timestep * timestep * (square - along * along) > way * way
 
 
@@ -98,7 +113,7 @@ def leave_fast(contacts, geometry, motion, carriers, chosen, doubtful):
     some, (gap, point, frame, geom, address) = False, contacts
     for k in range(len(gap)):
         takes_part = gap[k] > TOUCHING and address[k] >= 0 and chosen[address[k]] and _can_pass(geom[k], geometry[0])
-        if takes_part and _is_fast(geom[k], point[k], frame[k], geometry, motion, carriers):
+        if takes_part and _is_fast(geom[k], gap[k], point[k], frame[k], geometry, motion, carriers):
             doubtful[k], chosen[address[k]], some = True, False, True
     return some
 
