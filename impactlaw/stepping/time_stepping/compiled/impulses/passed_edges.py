@@ -58,7 +58,8 @@ def doubt_fast(w, start, chosen, doubtful):
     if setting(w, SETTING.inertial) != 0.0:
         move_bodies(w, start)  # inertial forces have left velocities of bodies at another velocity
     nbody, extent = size(w, MODEL.nbody), model_floats(w, MODEL.geom_aabb, (size(w, MODEL.ngeom), 6))
-    motion = data_floats(w, DATA.cvel, (nbody, 6)), data_floats(w, DATA.subtree_com, (nbody, 3)), extent, w.timestep
+    velocity, center = data_floats(w, DATA.cvel, (nbody, 6)), data_floats(w, DATA.subtree_com, (nbody, 3))
+    motion = velocity, center, extent, w.timestep, data_floats(w, DATA.geom_xmat, (size(w, MODEL.ngeom), 9))
     return leave_fast(_contacts(w), _geometry(w), motion, _carriers(w), chosen, doubtful)
 
 

@@ -38,6 +38,8 @@ _FAST = 0.25
 """Way of bodies along each other in a timestep, relative to half the thickness of the thinner one, that is long ..."""
 _BESIDE = 1e-2
 """... or relative to their gap, if both have edges: as these come nearer, the gradient of the gap turns at once."""
+_SIDE = 1e-3
+"""Cosine of the angle between a normal and the axis of a cylinder up to which its side is met."""
 _NEARLY = 1e-5
 """Gap, m, up to which bodies nearly touch: they may slide on each other."""
 _LOOKS = 8
@@ -54,9 +56,11 @@ def _can_pass(pair, shape):
 
 
 @plain
-def _has_edges(kind):
-    """Return whether geoms of a type have edges."""
-    return kind in (_CYLINDER, _BOX, _MESH)
+def _has_edge(g, frame, shape, turned):
+    """Return whether a contact can be at an edge of a geom: at a box or a mesh, and off the side of a cylinder."""
+    if shape[g] == _CYLINDER:
+        return abs(turned[g, 2] * frame[0] + turned[g, 5] * frame[1] + turned[g, 8] * frame[2]) > _SIDE
+    return shape[g] == _BOX or shape[g] == _MESH
 
 
 @plain
@@ -75,7 +79,7 @@ def _carried(axis, g, point, geometry, carriers):
 @plain
 def _velocity(axis, g, point, geometry, motion, carriers):
     """Return a component of the velocity of a point of a geom, m/s."""
-    (_, body_of_geom, _, _, root, _), (velocity, center, _, _) = geometry, motion
+    (_, body_of_geom, _, _, root, _), (velocity, center, _, _, _) = geometry, motion
     b = body_of_geom[g]
     i, j, c = (axis + 1) % 3, (axis + 2) % 3, root[b]
     turning = velocity[b, i] * (point[j] - center[c, j]) - velocity[b, j] * (point[i] - center[c, i])
@@ -85,14 +89,15 @@ def _velocity(axis, g, point, geometry, motion, carriers):
 @plain
 def _is_fast(pair, gap, point, frame, geometry, motion, carriers):
     """Return whether two geoms move along each other by a long way in a timestep, see `_FAST` and `_BESIDE`."""
-    (_, _, extent, timestep), shape, square, along = motion, geometry[0], 0.0, 0.0
+    (_, _, extent, timestep, turned), shape, square, along = motion, geometry[0], 0.0, 0.0
     for axis in range(3):
         v = _velocity(axis, pair[1], point, geometry, motion, carriers)
         v -= _velocity(axis, pair[0], point, geometry, motion, carriers)
         square += v * v
         along += v * frame[axis]
     way = _FAST * min(_thickness(pair[0], extent), _thickness(pair[1], extent))
-    if _has_edges(shape[pair[0]]) and _has_edges(shape[pair[1]]) and gap > _NEARLY:
+    edges = _has_edge(pair[0], frame, shape, turned) and _has_edge(pair[1], frame, shape, turned)
+    if edges and gap > _NEARLY:
         way = min(way, _BESIDE * gap)
     return timestep * timestep * (square - along * along) > way * way
 
@@ -105,7 +110,7 @@ def leave_fast(contacts, geometry, motion, carriers, chosen, doubtful):
         contacts: gaps, m, (ncon,), points, (ncon, 3), frames with normals first, at least (ncon, 3), geoms, (ncon, 2),
             and first rows, (ncon,).
         geometry: MuJoCo's geom_type, geom_bodyid, body_weldid, body_treeid, body_rootid and body_mocapid.
-        motion: MuJoCo's cvel, subtree_com and geom_aabb, and h, s.
+        motion: MuJoCo's cvel, subtree_com and geom_aabb, h, s, and geom_xmat.
         carriers: mocap bodies, see `carriers.carried_at`.
         chosen: MuJoCo's rows that take part, bool (nefc,); written.
         doubtful: the contacts that are left out, bool (ncon,), False; written.
@@ -282,7 +287,7 @@ class PassedEdges:
         data.qvel[:] = start
         mujoco.mj_comVel(model, data)  # inertial forces have left velocities of bodies at another velocity
         data.qvel[:] = free
-        motion = data.cvel, data.subtree_com, model.geom_aabb, model.opt.timestep
+        motion = data.cvel, data.subtree_com, model.geom_aabb, model.opt.timestep, data.geom_xmat
         _leave_fast(_contacts(data), self._geometry(), motion, self._carriers(data), near, doubtful)
         return doubtful
 
