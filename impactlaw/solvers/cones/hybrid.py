@@ -55,7 +55,9 @@ _ENOUGH, _NEAR = np.int64(4), 1e2  # round from which, and tolerances at which, 
 _STAGNANT, _HOPELESS = 4, 8  # rounds without an improvement by 10 %, after which to stop if they were long, or anyway
 _PILE = 40  # number of rows from which bodies may be a pile
 _INTERIOR, _HANDED_ON = np.int64(15), 1e4  # steps of the interior point method, and tolerances at which it ends
-_HURRY = np.int64(2)  # patience of Newton's method before and after it, in piles
+_THOROUGH = np.int64(30)  # its steps in piles that are not large
+_HURRY = np.int64(2)  # patience of Newton's method in piles before it, and in large piles after it
+_GENTLE = 30.0  # regularization per relative natural map of Newton's method after it, in piles that are not large
 _CLOSE, _SPARE = 1e-3, 0.25  # relative natural map, and part of the allowed work, for rounds from the best point
 _SHORT = 0.25  # part of the allowed work up to which rounds do not count as long
 
@@ -78,18 +80,17 @@ def _has_boxes(P: Island) -> bool:
 @once
 def _solve_pile(P: Island, K: Blocks, x: Array, scale: float, tolerance: float) -> tuple[int, float]:
     """Overwrite the guess x by the best point found; return steps taken and its natural map."""
-    dense, one, ease, total, least, point = numbers(0), 1.0, _EASE[0] / scale, 0, np.inf, copied(x)
-    for k in range(2):
-        if k == 1:
-            total += interior(P, K, point, scale, _HANDED_ON * tolerance, _INTERIOR)
-        taken, r = newton(P, K, dense, point, tolerance, _BRIEF, DE_SAXCE, one, _REDUCED, ease, _HURRY)
-        total += taken
-        if r < least:
-            least = r
-            put(x, point)
-        if least <= tolerance:
-            break
-    return total, least
+    dense, one, point, large = numbers(0), 1.0, copied(x), len(x) >= LARGE
+    total, least = newton(P, K, dense, x, tolerance, _BRIEF, DE_SAXCE, one, _REDUCED, _EASE[0] / scale, _HURRY)
+    if least <= tolerance:
+        return total, least
+    total += interior(P, K, point, scale, _HANDED_ON * tolerance, _INTERIOR if large else _THOROUGH)
+    ease, patience = (_EASE[0], _HURRY) if large else (_GENTLE, _HASTE)
+    taken, r = newton(P, K, dense, point, tolerance, _BRIEF, DE_SAXCE, one, _REDUCED, ease / scale, patience)
+    if r < least:
+        least = r
+        put(x, point)
+    return total + taken, least
 
 
 @kernel

@@ -1,12 +1,15 @@
-"""Steps whose law cannot be met, and steps with velocities that are not finite."""
+"""Steps whose law is hard or impossible to meet, and steps with velocities that are not finite."""
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 
+from impactlaw import Moreau, Stepper
 from impactlaw.compiled import for_python
 from impactlaw.solvers.cones import CONE
 from impactlaw.stepping.compiled.whitening import Inertia
+from impactlaw.stepping.time_stepping import contact_impulses
 from impactlaw.stepping.time_stepping.problem import energy
 from impactlaw.stepping.time_stepping.problem.rows import Known, Rows
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import Aims, Method
@@ -103,3 +106,28 @@ def test_a_body_that_cannot_meet_its_law_takes_nothing_from_another():
     answer = _resolve(rows, [1.0, 3.0, 1.0], np.array([0, 1], np.int32))
     assert answer.missed > 0.5
     np.testing.assert_allclose(answer.change, [0.0, 3.0], atol=1e-9)
+
+
+def test_friction_of_leaning_dominoes_is_found(monkeypatch):
+    """Contacts at both ends of an edge make friction non-unique, and some contacts barely touch."""
+    spec = mujoco.MjSpec()
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], friction=[0.5, 0, 0])
+    for i in range(12):
+        body = spec.worldbody.add_body(pos=[0.022 * i, 0, 0.024])
+        body.add_freejoint()
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.004, 0.012, 0.024], friction=[0.5, 0, 0])
+    model = spec.compile()
+    data, residuals = mujoco.MjData(model), []
+    data.qvel[[0, 2, 4]] = 0.096, 0.016, 4.0
+
+    def resolve(*args):
+        residuals.append(resolve_step(*args))
+        return residuals[-1]
+
+    monkeypatch.setattr(contact_impulses, "resolve_step", resolve)
+    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled="never")
+    for _ in range(450):
+        stepper.step(data)
+    unsolved = [answer for answer in residuals if answer.residual > 1e-8]
+    assert len(residuals) > 2000
+    assert len(unsolved) < 0.01 * len(residuals)

@@ -39,16 +39,21 @@ def steppers(model, law, **options):
     return ours, Stepper(model, law, contact_model="soft", compiled="never", **options)
 
 
-def is_indeterminate(python, start, qvel, velocity):
-    """Return whether rounding decides: friction of almost coincident contacts may have many solutions."""
+def is_indeterminate(ours, python, start, qvel, velocity):
+    """Return whether rounding decides: friction of almost coincident contacts may have many solutions.
+
+    It does if changes of 1e-13 lead Python to another velocity, or compiled code to the velocity of Python.
+    """
     data, rng = mujoco.MjData(python.model), np.random.default_rng(0)
     for _ in range(20):
-        mujoco.mj_setState(python.model, data, start, mujoco.mjtState.mjSTATE_INTEGRATION)
-        data.qvel[:] = qvel * (1.0 + 1e-15 * rng.standard_normal(len(qvel)))
-        python.step(data)
-        assert all(event.impact.residual < 1e-9 for event in python.events)
-        if np.abs(data.qvel - velocity).max() > 1e-10:
-            return True
+        changed = qvel * (1.0 + 1e-13 * rng.standard_normal(len(qvel)))
+        for stepper in (ours, python):
+            mujoco.mj_setState(python.model, data, start, mujoco.mjtState.mjSTATE_INTEGRATION)
+            data.qvel[:] = changed
+            stepper.step(data)
+            assert all(event.impact.residual < 1e-9 for event in stepper.events)
+            if (np.abs(data.qvel - velocity).max() > 1e-10) == (stepper is python):
+                return True
     return False
 
 
@@ -61,7 +66,8 @@ def compare(ours, python, data, other):
     ours.step(data)
     python.step(other)
     speed = max(1.0, np.abs(other.qvel).max())
-    if np.abs(data.qvel - other.qvel).max() > 1e-10 * speed and is_indeterminate(python, state, before, other.qvel):
+    differs = np.abs(data.qvel - other.qvel).max() > 1e-10 * speed
+    if differs and is_indeterminate(ours, python, state, before, other.qvel):
         return None
     tolerance = 1e-10 * speed if python.events else 0.0
     np.testing.assert_allclose(data.qvel, other.qvel, rtol=0, atol=tolerance)
@@ -100,11 +106,14 @@ def test_robots(name, friction):
     ],
 )
 def test_a_heap(law, option):
-    model, data = compiled(HEAP, option=f'timestep="2e-3" {option}')
-    ours, python = steppers(model, law)
-    other = mujoco.MjData(model)
-    found = [compare(ours, python, data, other) for _ in range(600)]
-    assert found.count(True) > 10
+    found = []
+    for seed in range(3):
+        model, data = compiled(HEAP, option=f'timestep="2e-3" {option}')
+        data.qvel[:] += 1e-3 * np.random.default_rng(seed).normal(size=model.nv)
+        ours, python = steppers(model, law)
+        other = mujoco.MjData(model)
+        found += [compare(ours, python, data, other) for _ in range(300)]
+    assert found.count(True) > 20
     assert found.count(None) <= 0.05 * found.count(True)
 
 
