@@ -54,8 +54,8 @@ _SET_UP = 4  # cost of setting up a problem, in Newton steps
 _ENOUGH, _NEAR = np.int64(4), 1e2  # round from which, and tolerances at which, a degenerate problem counts as solved
 _STAGNANT, _HOPELESS = 4, 8  # rounds without an improvement by 10 %, after which to stop if they were long, or anyway
 _PILE = 40  # number of rows from which bodies may be a pile
-_INTERIOR, _HANDED_ON = np.int64(15), 1e4  # steps of the interior point method, and tolerances at which it ends
-_THOROUGH = np.int64(30)  # its steps in piles that are not large
+_INTERIOR, _HANDED_ON = np.int64(30), 1e4  # steps of the interior point method, and tolerances at which it ends
+_BRIEF_INTERIOR = np.int64(15)  # its steps in large piles
 _HURRY = np.int64(2)  # patience of Newton's method in piles before it, and in large piles after it
 _GENTLE = 30.0  # regularization per relative natural map of Newton's method after it, in piles that are not large
 _CLOSE, _SPARE = 1e-3, 0.25  # relative natural map, and part of the allowed work, for rounds from the best point
@@ -84,7 +84,7 @@ def _solve_pile(P: Island, K: Blocks, x: Array, scale: float, tolerance: float) 
     total, least = newton(P, K, dense, x, tolerance, _BRIEF, DE_SAXCE, one, _REDUCED, _EASE[0] / scale, _HURRY)
     if least <= tolerance:
         return total, least
-    total += interior(P, K, point, scale, _HANDED_ON * tolerance, _INTERIOR if large else _THOROUGH)
+    total += interior(P, K, point, scale, _HANDED_ON * tolerance, _BRIEF_INTERIOR if large else _INTERIOR)
     ease, patience = (_EASE[0], _HURRY) if large else (_GENTLE, _HASTE)
     taken, r = newton(P, K, dense, point, tolerance, _BRIEF, DE_SAXCE, one, _REDUCED, ease / scale, patience)
     if r < least:
