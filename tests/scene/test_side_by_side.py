@@ -213,6 +213,23 @@ def test_a_log_that_turns_across_another_one_stays_on_it(way, kind, r, half):
     assert (np.abs(data.qpos - [0.0, 0.078, 0.0]) < [SKIN + GAP_TOLERANCE, 1e-4, 2e-4]).all()
 
 
+@pytest.mark.parametrize("way", WAYS)
+def test_a_log_rolls_down_another_one_without_collisions(way):
+    """Regression: steps were counted as short, since MuJoCo's distance of parallel cylinders is wrong near 0."""
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option timestep=".001" integrator="RK4"/><default><geom type="cylinder" friction="3"/></default>
+        <worldbody><geom size="1 .5" euler="90 0 0"/><body pos="{1.1 * np.sin(0.2)} 0 {1.1 * np.cos(0.2)}"><freejoint/>
+        <geom size=".1 .3" euler="90 0 0"/></body></worldbody></mujoco>"""
+    )
+    data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.0), **WAYS[way])
+    for _ in range(500):
+        stepper.step(data)
+        assert abs(np.hypot(data.qpos[0], data.qpos[2]) - 1.1) < 2e-6
+    turned = np.cos(0.2) - data.qpos[2] / 1.1
+    np.testing.assert_allclose(np.linalg.norm(data.qvel[:3]), np.sqrt(4.0 / 3.0 * 9.81 * 1.1 * turned), rtol=1e-4)
+    assert stepper.short_steps == stepper.unlocated == 0
+
+
 @pytest.mark.parametrize("way", ["event-driven", "compiled"])
 def test_masks_can_be_set_later(way):
     """A line of contact has its impulse in the middle, also if geoms could not collide when the stepper was made."""

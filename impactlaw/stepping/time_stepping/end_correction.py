@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.compiled import compiled, for_python
+from impactlaw.scene.corrected.side_by_side import line_gap
 from impactlaw.scene.tolerances import APART
 from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import plain
@@ -169,7 +170,9 @@ def bend(contacts, rows, geometry, motion, mocap, surface_speed, at, timestep, a
         bends = turn > _SEEN and falls < turn
         measured = bends or (surface_speed > 0.0 and (mocap[root[a]] >= 0 or mocap[root[b]] >= 0))
         if gap == -np.inf and not old and measured and shape[one] != _SDF and shape[other] != _SDF:
-            gap = mj.geom_distance(at[0], at[1], one, other, APART, 0)
+            gap = line_gap((shape, extent, place, turned), one, other)
+            if gap == -np.inf:
+                gap = mj.geom_distance(at[0], at[1], one, other, APART, 0)
         if gap == -np.inf or old:
             if bends and not again:
                 deepest, slow = max(deepest, turn), max(slow, turn)
