@@ -19,12 +19,9 @@ from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of,
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import move_bodies
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import middle_velocities
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
-from impactlaw.stepping.time_stepping.problem.detection.passed_edges import (
-    leave_edges,
-    leave_fast,
-    pass_over,
-    take_back,
-)
+from impactlaw.stepping.time_stepping.problem.detection.fast_bodies import leave_fast, take_back
+from impactlaw.stepping.time_stepping.problem.detection.floor_edges import leave_edges
+from impactlaw.stepping.time_stepping.problem.detection.passed_edges import pass_over
 
 
 @plain

@@ -25,6 +25,13 @@ def carried_at(axis, body, point, carriers):
     return velocity[body, axis] + turning
 
 
+@plain
+def carried(axis, g, point, geometry, carriers):
+    """Return a component of the velocity at which a mocap body carries a point of a geom, m/s."""
+    _, body_of_geom, _, _, root, mocap = geometry
+    return carried_at(axis, mocap[root[body_of_geom[g]]], point, carriers)
+
+
 @kernel
 def carry_on(carriers, time, position, quaternion):
     """Write where mocap bodies are after some time, m, (nmocap, 3), and their quaternions, (nmocap, 4)."""

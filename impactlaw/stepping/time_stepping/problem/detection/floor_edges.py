@@ -1,0 +1,56 @@
+"""Leave contacts with the edges of a floor of several pieces out at first, which bodies may pass over.
+
+A body that slides or rolls over such a floor, as over the prisms of a height field, comes near the edge of the piece
+ahead. That gap closes along its gradient, but the body passes over the edge. An open contact of a body with a fixed one
+is therefore doubtful where the body has a nearer contact with fixed bodies in another direction. Whether it closes is
+measured, see `passed_edges`.
+"""
+
+from __future__ import annotations
+
+from impactlaw.scene.tolerances import TOUCHING
+from impactlaw.solvers.cones.algebra.loops import integers, kernel
+from impactlaw.stepping.compiled.left_out.hidden_edges import moving_side
+from impactlaw.stepping.time_stepping.problem.detection.fast_bodies import can_pass
+
+_SAME = 1.0 - 1e-6
+"""Cosine of the angle between two normals from which they are one direction."""
+
+
+@kernel
+def leave_edges(contacts, geometry, chosen, doubtful):
+    """Leave contacts with edges of fixed bodies out that bodies may pass over; return whether there are any.
+
+    These are open contacts of a body with a fixed one, if it has a nearer one in another direction. Of two that are
+    equally near, as of a ball that falls into the middle of a groove, both take part. For the arguments see
+    `fast_bodies.leave_fast`.
+    """
+    (dist, _, frame, geom, address), (shape, body_of_geom, weld, tree, _, _), some = contacts, geometry, False
+    for k in range(len(dist)):
+        own = moving_side(geom[k], body_of_geom, tree)
+        if own >= 0 and address[k] >= 0 and chosen[address[k]]:
+            doubtful[k] = dist[k] > TOUCHING and can_pass(geom[k], shape)
+            some = some or doubtful[k]
+    if not some:
+        return False
+    nearest, some = integers(len(weld)), False
+    nearest[:] = -1
+    for k in range(len(dist)):
+        own = moving_side(geom[k], body_of_geom, tree)
+        if own >= 0 and address[k] >= 0 and chosen[address[k]]:
+            body = weld[body_of_geom[geom[k, own]]]
+            if nearest[body] < 0 or dist[k] < dist[nearest[body]]:
+                nearest[body] = k
+    for k in range(len(dist)):
+        if not doubtful[k] or not chosen[address[k]]:
+            continue
+        own, along = moving_side(geom[k], body_of_geom, tree), 0.0
+        s = nearest[weld[body_of_geom[geom[k, own]]]]
+        for i in range(3):
+            along += frame[k, i] * frame[s, i]
+        if own != moving_side(geom[s], body_of_geom, tree):
+            along = -along
+        doubtful[k] = along < _SAME and dist[k] > dist[s] + TOUCHING
+        if doubtful[k]:
+            chosen[address[k]], some = False, True
+    return some
