@@ -1,4 +1,4 @@
-"""MuJoCo's collision detection, with the contacts of cylinders corrected that stand on planes or lie side by side."""
+"""MuJoCo's collision detection, with the contacts of cylinders corrected that stand on planes or touch along a line."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from impactlaw.errors import SceneError
 from impactlaw.scene.pairs import some_side_by_side
 
 _FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL)
-_PLANE, _CYLINDER, _CAPSULE, *_WITH_FACES = (
+_PLANE, _CYLINDER, _CAPSULE, _BOX, *_PIECES = (
     int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("PLANE", "CYLINDER", "CAPSULE", "BOX", "MESH", "HFIELD")
 )
 
@@ -23,19 +23,20 @@ class Cylinders(NamedTuple):
     cylinders: np.ndarray
     is_cylinder: np.ndarray  # bool (ngeom,)
     is_long: np.ndarray  # whether a geom is a cylinder or a capsule, bool (ngeom,)
+    is_straight: np.ndarray  # the same, or a box
     on_faces: bool  # whether these can lie on the faces of boxes, meshes or height fields
-    beside: bool  # whether two cylinders or capsules can touch side by side
+    beside: bool  # whether any of these can touch along a line
 
 
 def cylinders_of(model: mujoco.MjModel) -> Cylinders | None:
     """Return the planes and cylinders of a scene; None if it has no cylinders, nor capsules that touch side by side."""
     kind, beside = model.geom_type, some_side_by_side(model)
-    is_cylinder = kind == _CYLINDER
+    is_cylinder, is_long = kind == _CYLINDER, (kind == _CYLINDER) | (kind == _CAPSULE)
     planes, cylinders = np.flatnonzero(kind == _PLANE), np.flatnonzero(is_cylinder)
     if not beside and len(cylinders) == 0:
         return None
-    on_faces = len(cylinders) > 0 and bool(np.isin(kind, _WITH_FACES).any())
-    return Cylinders(planes, cylinders, is_cylinder, is_cylinder | (kind == _CAPSULE), on_faces, beside)
+    on_faces = len(cylinders) > 0 and bool(np.isin(kind, [_BOX, *_PIECES]).any())
+    return Cylinders(planes, cylinders, is_cylinder, is_long, is_long | (kind == _BOX), on_faces, beside)
 
 
 def collide(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders | None = None) -> None:
@@ -58,8 +59,7 @@ def collide(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders | N
         from impactlaw.scene.corrected.rounding import put_on_axes
 
         put_on_axes(*_shapes(model, data), geoms, data.contact.pos, data.contact.frame)
-    long = cylinders.is_long[geoms]
-    if cylinders.beside and np.count_nonzero(long[:, 0] & long[:, 1]):
+    if cylinders.beside and np.count_nonzero(cylinders.is_long[geoms[:, 0]] & cylinders.is_straight[geoms[:, 1]]):
         from impactlaw.scene.corrected.side_by_side import END, find_ends_of_lines
 
         found, first = data.contact, np.empty((data.ncon + 1, END))

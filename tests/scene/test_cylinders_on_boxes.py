@@ -1,10 +1,11 @@
-"""Cylinders that lie on boxes and meshes: MuJoCo's contact points beside the axis would roll them away."""
+"""Cylinders on boxes and meshes: MuJoCo's contact points would roll them away, and tip those that touch an edge."""
 
 import mujoco
 import numpy as np
 import pytest
 
 from impactlaw import Moreau, Stepper, read_contacts
+from impactlaw.scene.tolerances import SKIN
 
 SCENE = """<mujoco><option timestep="0.002" integrator="RK4"/><asset>
   <mesh name="block" vertex="-1 -1 -1 -1 -1 1 -1 1 -1 -1 1 1 1 -1 -1 1 -1 1 1 1 -1 1 1 1" scale=".3 .1 .1"/></asset>
@@ -63,3 +64,48 @@ def test_a_rim_that_hits_a_face_does_not_make_a_smooth_cylinder_spin_about_its_a
         collisions += len(stepper.events)
     assert collisions > 0
     assert abs(data.qvel[5]) < 1e-6
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_a_side_touches_an_edge_along_a_line(seed):
+    """The smaller gap of both ends is the distance, which MuJoCo measures to 1e-12 m here."""
+    rng = np.random.default_rng(seed)
+    (r, length), half, turn = rng.uniform(0.02, 0.3, 2), rng.uniform(0.02, 0.3, 3), rng.uniform(0.1, 0.5) * np.pi
+    tilt, side = rng.normal(size=2) * 10.0 ** rng.uniform(-6, -3), rng.choice([-1.0, 1.0], 2)
+    far = r + 1e-4 + np.hypot(*tilt) * (length + half[2])
+    place = side * (half[:2] + far * np.array([np.cos(turn), np.sin(turn)]))
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option ccd_tolerance="1e-12" ccd_iterations="200"/><worldbody>
+        <geom type="box" size="{half[0]} {half[1]} {half[2]}" margin=".1"/>
+        <body pos="{place[0]} {place[1]} {rng.uniform(-0.9, 0.9) * (length + half[2])}"><freejoint/>
+        <geom type="cylinder" size="{r} {length}" zaxis="{tilt[0]} {tilt[1]} 1"/></body></worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    contacts = read_contacts(model, data, within=0.1)
+    assert len(contacts) == 2
+    assert contacts.gap.min() == pytest.approx(mujoco.mj_geomDistance(model, data, 0, 1, 1.0, None) - SKIN, abs=1e-9)
+    out = np.array([*(side * np.array([np.cos(turn), np.sin(turn)])), 0.0])
+    np.testing.assert_allclose(np.abs(contacts.normal @ out), 1.0, rtol=0.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("half", [0.005, 0.1])
+def test_a_wheel_that_climbs_a_curb_does_not_tip(half, way):
+    """With e = 0 it turns about the edge with ``1 - c / 1.5 r`` of its speed, for a curb of height c."""
+    r, c, w, h = 0.1, 0.03, 6.0, 0.0005
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option timestep="{h}" integrator="RK4"/><worldbody><geom type="plane" size="9 9 1"/>
+        <geom type="box" size="1 1 {c / 2}" pos="1 0 {c / 2}"/><body pos="-.09 0 {r}" euler="90 0 0"><freejoint/>
+        <geom type="cylinder" size="{r} {half}" mass="1"/></body></worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    data.qvel[0], data.qvel[5] = r * w, -w
+    stepper, collisions = Stepper(model, Moreau(0.0), **WAYS[way]), 0
+    for _ in range(80):
+        stepper.step(data)
+        collisions += len(stepper.events)
+    np.testing.assert_allclose(data.qvel[[1, 3, 4]], 0.0, atol=1e-9)
+    rest = 0.75 * (r * w * (1.0 - c / (1.5 * r))) ** 2 - 9.81 * (data.qpos[2] - r)
+    assert -data.qvel[5] == pytest.approx(np.sqrt(rest / 0.75) / r, rel=1e-4 if way == "event-driven" else 0.01)
+    assert collisions == 1 or way != "event-driven"

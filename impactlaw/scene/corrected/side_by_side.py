@@ -1,4 +1,4 @@
-"""MuJoCo's contacts, corrected: cylinders and capsules that touch along a line, side by side, as pipes in a pile.
+"""MuJoCo's contacts, corrected: cylinders and capsules that touch along a line, as pipes in a pile and wheels at curbs.
 
 MuJoCo has one contact point for two cylinders, or a cylinder and a capsule. If their axes are parallel, all points of
 the line along which they touch are equally near, and MuJoCo takes one of its ends. An impulse there tips bodies over.
@@ -20,7 +20,7 @@ from impactlaw.compiled import for_python
 from impactlaw.scene.tolerances import CROSSED, CROSSES, SHORT_LINE, SIDE_BY_SIDE, SUNK_IN, THIN_LINE
 from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain
 
-CYLINDER, CAPSULE = int(mujoco.mjtGeom.mjGEOM_CYLINDER), int(mujoco.mjtGeom.mjGEOM_CAPSULE)
+CYLINDER, CAPSULE, _BOX = (int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("CYLINDER", "CAPSULE", "BOX"))
 END = 13
 """Numbers of an end: its gap, m, its point, m, and its frame, as MuJoCo's."""
 
@@ -42,26 +42,31 @@ def _unit(v):
 
 
 @plain
-def _axis(turn, geom, sign):
-    return sign * turn[geom, 2], sign * turn[geom, 5], sign * turn[geom, 8]
+def _row(values, geom):
+    return values[geom, 0], values[geom, 1], values[geom, 2]
 
 
 @plain
-def _place(place, geom):
-    return place[geom, 0], place[geom, 1], place[geom, 2]
+def _axis(turn, geom, i):
+    return turn[geom, i], turn[geom, 3 + i], turn[geom, 6 + i]
+
+
+@plain
+def _is_long(kind, geom):
+    return kind[geom] == CYLINDER or kind[geom] == CAPSULE
 
 
 @plain
 def _can_lie(kind, one, other):
-    """Return whether two geoms are cylinders or capsules."""
+    """Return whether two geoms are cylinders or capsules, or a cylinder and a box."""
     if one < 0 or other < 0:
         return False
-    return (kind[one] == CYLINDER or kind[one] == CAPSULE) and (kind[other] == CYLINDER or kind[other] == CAPSULE)
+    return (_is_long(kind, one) and _is_long(kind, other)) or (kind[one] == CYLINDER and kind[other] == _BOX)
 
 
 @plain
 def some_can_lie(kind, geom):
-    """Return whether any contacts, with geoms (ncon, 2), are those of cylinders or capsules with each other."""
+    """Return whether any contacts, with geoms (ncon, 2), are those of geoms that can touch along a line."""
     some = False
     for k in range(len(geom)):
         some = some or _can_lie(kind, geom[k, 0], geom[k, 1])
@@ -69,25 +74,59 @@ def some_can_lie(kind, geom):
 
 
 @plain
-def _find_line(shapes, one, other, sign):
+def _rod(shapes, geom):
+    """Return a cylinder or a capsule: whether its ends are flat, radius and half length, m, centre, and axis."""
+    kind, size, place, turn = shapes
+    return kind[geom] == CYLINDER, size[geom, 0], size[geom, 1], _row(place, geom), _axis(turn, geom, 2)
+
+
+@plain
+def _edge(shapes, box, rod):
+    """Return the edge of a box that is most parallel and nearest to a cylinder, as a cylinder without a radius."""
+    (_, size, place, turn), (_, _, half, center, along), most = shapes, rod, 0
+    between = _plus(center, -1.0, _row(place, box))
+    at = min(max(-_dot(along, between), -half), half)
+    for i in range(3):
+        if abs(_dot(_axis(turn, box, i), along)) > abs(_dot(_axis(turn, box, most), along)):
+            most = i
+    middle = _row(place, box)
+    for i in range(3):
+        out = _axis(turn, box, i)
+        side = np.sign(_dot(out, _plus(between, at, along)))
+        middle = _plus(middle, 0.0 if i == most else side * size[box, i], out)
+    return True, 0.0, size[box, most], middle, _axis(turn, box, most)
+
+
+@plain
+def _is_off_edge(shapes, box, edge, normal):
+    """Return whether a normal from a cylinder to an edge of a box is not between those of the faces that meet there."""
+    (_, _, place, turn), outside = shapes, False
+    to = _plus(edge[3], -1.0, _row(place, box))
+    for i in range(3):
+        out = _axis(turn, box, i)
+        outside = outside or (abs(_dot(out, edge[4])) < 0.5 and _dot(out, to) * _dot(out, normal) >= 0.0)
+    return outside
+
+
+@plain
+def _find_line(one, other):
     """Return first and last coordinate of a common line along the axis of one cylinder, m, and the normal of contact.
 
     The normal is that of the place where the axes are nearest; it is 0 if the cylinders do not touch with their sides.
-    ``sign`` is -1 if the axes of both cylinders have opposite directions, else 1.
+    For cylinders, the axes of which must have about the same direction, see `_rod`.
     """
-    kind, size, place, turn = shapes
-    a, b, none = _axis(turn, one, 1.0), _axis(turn, other, sign), (0.0, 0.0, 0.0)
-    cosine, between = _dot(a, b), _plus(_place(place, other), -1.0, _place(place, one))
-    there, half, apart = _dot(a, between), cosine * size[other, 1], size[one, 0] + size[other, 0]
-    low, high = max(-size[one, 1], there - half), min(size[one, 1], there + half)
-    shortest = THIN_LINE if kind[one] == CYLINDER and kind[other] == CYLINDER else SHORT_LINE
+    (flat, radius, length, place, a), (also, thickness, span, center, b), none = one, other, (0.0, 0.0, 0.0)
+    cosine, between = _dot(a, b), _plus(center, -1.0, place)
+    there, half, apart = _dot(a, between), cosine * span, radius + thickness
+    low, high = max(-length, there - half), min(length, there + half)
+    shortest = THIN_LINE if flat and also else SHORT_LINE
     if cosine < CROSSES or high - low < shortest * apart:
         return 0.0, 0.0, none
     slant = _plus((b[0] / cosine, b[1] / cosine, b[2] / cosine), -1.0, a)
     square, start = _dot(slant, slant), _plus(between, -there / cosine, b)
     nearest = min(max(-_dot(start, slant) / square, low), high) if square > 0.0 else 0.5 * (low + high)
     parallel = square <= SIDE_BY_SIDE**2
-    as_found = not parallel and (nearest in (low, high) or (kind[one] == CAPSULE and kind[other] == CAPSULE))
+    as_found = not parallel and (nearest in (low, high) or thickness == 0.0 or not (flat or also))
     normal = _plus(start, nearest, slant)
     if (nearest == low and there - half < low) or (nearest == high and there + half > high):  # the first one ends there
         normal = _plus(normal, -_dot(normal, b), b)
@@ -103,26 +142,24 @@ def _find_line(shapes, one, other, sign):
 
 
 @plain
-def _write_end(shapes, ends, touched, axes, at, normal, toward, end):
+def _write_end(ends, touched, at, normal, toward, end):
     """Write gap, point and frame of a contact where the rim of one cylinder touches the side of another.
 
     Args:
-        shapes: see `find_ends`.
-        ends: geom that ends there.
-        touched: geom whose side is touched.
-        axes: of both.
+        ends: cylinder that ends there, see `_rod`.
+        touched: cylinder whose side is touched.
         at: coordinate of the end along the axis of ``ends``, m.
         normal: from the first geom of the contact to the second.
         toward: 1 if ``ends`` is the first geom of the contact, else -1.
         end: written, (END,).
     """
-    (kind, size, place, _), (own, along), rim = shapes, axes, normal
-    if kind[ends] == CYLINDER:
+    (flat, radius, _, place, own), (_, thickness, _, center, along), rim = ends, touched, normal
+    if flat:
         rim = _unit(_plus(normal, -_dot(normal, own), own))
-    point = _plus(_plus(_place(place, ends), at, own), toward * size[ends, 0], rim)
-    way = _plus(_place(place, touched), -1.0, point)
+    point = _plus(_plus(place, at, own), toward * radius, rim)
+    way = _plus(center, -1.0, point)
     way, tilt = _plus(way, -_dot(way, along), along), _dot(normal, along)
-    end[0] = toward * _dot(normal, way) - size[touched, 0] * np.sqrt(1.0 - tilt * tilt)
+    end[0] = toward * _dot(normal, way) - thickness * np.sqrt(1.0 - tilt * tilt)
     tangent = _unit(_plus(along, -tilt, normal))
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
@@ -132,56 +169,57 @@ def _write_end(shapes, ends, touched, axes, at, normal, toward, end):
 
 
 @plain
-def _write_ends(shapes, one, other, sign, line, first, second):
-    """Write the contacts at both ends of a line; see `_find_line`, which returns it."""
-    (_, size, place, turn), (low, high, normal) = shapes, line
-    a, b = _axis(turn, one, 1.0), _axis(turn, other, sign)
-    there, half = _dot(a, _plus(_place(place, other), -1.0, _place(place, one))), _dot(a, b) * size[other, 1]
+def _write_ends(shapes, one, other, first, second):
+    """Write the contacts at both ends of the line along which two geoms touch.
+
+    Return 0 if they do not, 1 if the line is a point, and otherwise 2.
+    """
+    rod = _rod(shapes, one)
+    beside = _rod(shapes, other) if shapes[0][other] != _BOX else _edge(shapes, other, rod)
+    a, b = rod[4], beside[4]
+    if _dot(a, b) < 0.0:
+        b = (-b[0], -b[1], -b[2])
+        beside = (beside[0], beside[1], beside[2], beside[3], b)
+    low, high, normal = _find_line(rod, beside)
+    off = shapes[0][other] == _BOX and _is_off_edge(shapes, other, beside, normal)
+    if _dot(normal, normal) == 0.0 or off:
+        return 0
+    there, half = _dot(a, _plus(beside[3], -1.0, rod[3])), _dot(a, b) * beside[2]
     if low > there - half:
-        _write_end(shapes, one, other, (a, b), low, normal, 1.0, first)
+        _write_end(rod, beside, low, normal, 1.0, first)
     else:
-        _write_end(shapes, other, one, (b, a), -size[other, 1], normal, -1.0, first)
+        _write_end(beside, rod, -beside[2], normal, -1.0, first)
     if high < there + half:
-        _write_end(shapes, one, other, (a, b), high, normal, 1.0, second)
+        _write_end(rod, beside, high, normal, 1.0, second)
     else:
-        _write_end(shapes, other, one, (b, a), size[other, 1], normal, -1.0, second)
-
-
-@plain
-def _find_signed(shapes, one, other):
-    """Return the result of `_find_line`, and the sign for which it is found."""
-    turn = shapes[3]
-    sign = 1.0 if _dot(_axis(turn, one, 1.0), _axis(turn, other, 1.0)) > 0.0 else -1.0
-    return _find_line(shapes, one, other, sign), sign
+        _write_end(beside, rod, beside[2], normal, -1.0, second)
+    return 1 if low == high else 2
 
 
 @kernel
 def line_gap(shapes, one, other):
-    """Return the gap of two cylinders that touch along a line, m; minus infinity for other geoms.
+    """Return the gap of two geoms that touch along a line, m; minus infinity for others.
 
     MuJoCo's own distance is wrong by up to 3e-4 m where the gap is smaller than some 1e-8 m.
     """
-    if not _can_lie(shapes[0], one, other):
+    ends = numbers(2 * END)
+    if not _can_lie(shapes[0], one, other) or _write_ends(shapes, one, other, ends[:END], ends[END:]) == 0:
         return -np.inf
-    (line, sign), ends = _find_signed(shapes, one, other), numbers(2 * END)
-    if _dot(line[2], line[2]) == 0.0:
-        return -np.inf
-    _write_ends(shapes, one, other, sign, line, ends[:END], ends[END:])
     return min(ends[0], ends[END])
 
 
 @plain
-def _has_both(kind, geom, k):
-    """Return whether MuJoCo has found both ends of the line of a contact, as for capsules that are exactly parallel."""
-    for other in (k - 1, k + 1):
-        if 0 <= other < len(geom) and geom[other, 0] == geom[k, 0] and geom[other, 1] == geom[k, 1]:
-            return kind[geom[k, 0]] == CAPSULE and kind[geom[k, 1]] == CAPSULE
-    return False
+def _is_again(geom, k):
+    """Return whether a contact is one more of the same geoms as the contact before it."""
+    return 0 < k < len(geom) and geom[k, 0] == geom[k - 1, 0] and geom[k, 1] == geom[k - 1, 1]
 
 
 @plain
 def find_ends(shapes, geom, reach, dist, pos, frame, first):
     """Put contacts of cylinders that touch with their sides at second ends of lines; return whether any moves.
+
+    Capsules that are exactly parallel have both ends in MuJoCo. Where the side of a cylinder touches an edge of a box,
+    MuJoCo may have found several contacts, which are put at both ends in turn.
 
     Args:
         shapes: MuJoCo's geom_type, geom_size, geom_xpos and geom_xmat.
@@ -193,25 +231,28 @@ def find_ends(shapes, geom, reach, dist, pos, frame, first):
         first: contacts to be added at first ends, (ncon + 1, END), and their number in the last row; NaN for others.
             If the line is a point, or only one end is within reach, the contact is put there, and none is added.
     """
-    some, many, kind = False, 0, shapes[0]
+    some, many, kind, turn = False, 0, shapes[0], 0
     for k in range(len(dist)):
-        first[k, 0], one, other = np.nan, geom[k, 0], geom[k, 1]
-        if not _can_lie(kind, one, other) or _has_both(kind, geom, k):
+        one, other, second = geom[k, 0], geom[k, 1], first[len(dist)]
+        turn = turn + 1 if _is_again(geom, k) else 0
+        several = turn > 0 or _is_again(geom, k + 1)
+        both = several and one >= 0 and other >= 0 and kind[one] == CAPSULE and kind[other] == CAPSULE
+        ends = 0
+        if _can_lie(kind, one, other) and not both:
+            ends = _write_ends(shapes, one, other, first[k], second)
+        if ends == 0:
+            first[k, 0] = np.nan
             continue
-        (line, sign), second = _find_signed(shapes, one, other), first[len(dist)]
-        if _dot(line[2], line[2]) == 0.0:
-            continue
-        _write_ends(shapes, one, other, sign, line, first[k], second)
-        some, chosen, both = True, second, line[0] < line[1] and max(first[k, 0], second[0]) < reach[k]
-        if not both and first[k, 0] < second[0]:
+        some, chosen, two = True, second, ends == 2 and max(first[k, 0], second[0]) < reach[k]
+        if (several and turn % 2 == 0) if two else first[k, 0] < second[0]:
             chosen = first[k]
         dist[k] = chosen[0]
         for i in range(3):
             pos[k, i] = chosen[1 + i]
         for i in range(9):
             frame[k, i] = chosen[4 + i]
-        many += both
-        if not both:
+        many += two and not several
+        if several or not two:
             first[k, 0] = np.nan
     first[len(dist), 0] = many
     return some
