@@ -108,9 +108,9 @@ def several_contacts(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
 
 
 def some_side_by_side(model: mujoco.MjModel) -> bool:
-    """Return whether cylinders or capsules of a scene can lie side by side, or cylinders along edges of boxes.
+    """Return whether cylinders or capsules of a scene can touch each other or an edge of a box along a line.
 
     Masks that are changed later may let them.
     """
-    rods, flat, boxes = (model.body_weldid[model.geom_bodyid[of[model.geom_type]]] for of in (_ROD, _CYLINDER, _BOX))
-    return bool((rods != rods[:1]).any()) or bool((flat[:, None] != boxes).any())
+    rods, boxes = (model.body_weldid[model.geom_bodyid[of[model.geom_type]]] for of in (_ROD, _BOX))
+    return len(np.union1d(rods, boxes)) > 1 and bool(len(rods))

@@ -66,8 +66,9 @@ def test_a_rim_that_hits_a_face_does_not_make_a_smooth_cylinder_spin_about_its_a
     assert abs(data.qvel[5]) < 1e-6
 
 
+@pytest.mark.parametrize("kind", ["cylinder", "capsule"])
 @pytest.mark.parametrize("seed", range(60))
-def test_a_side_touches_an_edge_along_a_line(seed):
+def test_a_side_touches_an_edge_along_a_line(seed, kind):
     """The smaller gap of both ends is the distance, which MuJoCo measures to 1e-12 m here."""
     rng = np.random.default_rng(seed)
     (r, length), half, turn = rng.uniform(0.02, 0.3, 2), rng.uniform(0.02, 0.3, 3), rng.uniform(0.1, 0.5) * np.pi
@@ -78,26 +79,27 @@ def test_a_side_touches_an_edge_along_a_line(seed):
         f"""<mujoco><option ccd_tolerance="1e-12" ccd_iterations="200"/><worldbody>
         <geom type="box" size="{half[0]} {half[1]} {half[2]}" margin=".1"/>
         <body pos="{place[0]} {place[1]} {rng.uniform(-0.9, 0.9) * (length + half[2])}"><freejoint/>
-        <geom type="cylinder" size="{r} {length}" zaxis="{tilt[0]} {tilt[1]} 1"/></body></worldbody></mujoco>"""
+        <geom type="{kind}" size="{r} {length}" zaxis="{tilt[0]} {tilt[1]} 1"/></body></worldbody></mujoco>"""
     )
-    data = mujoco.MjData(model)
+    data, skin = mujoco.MjData(model), 0.0 if kind == "capsule" else SKIN
     mujoco.mj_forward(model, data)
     contacts = read_contacts(model, data, within=0.1)
     assert len(contacts) == 2
-    assert contacts.gap.min() == pytest.approx(mujoco.mj_geomDistance(model, data, 0, 1, 1.0, None) - SKIN, abs=1e-9)
+    assert contacts.gap.min() == pytest.approx(mujoco.mj_geomDistance(model, data, 0, 1, 1.0, None) - skin, abs=1e-9)
     out = np.array([*(side * np.array([np.cos(turn), np.sin(turn)])), 0.0])
     np.testing.assert_allclose(np.abs(contacts.normal @ out), 1.0, rtol=0.0, atol=1e-3)
 
 
 @pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("half", [0.005, 0.1])
-def test_a_wheel_that_climbs_a_curb_does_not_tip(half, way):
+@pytest.mark.parametrize(("kind", "half"), [("cylinder", 0.005), ("cylinder", 0.1), ("capsule", 0.1)])
+def test_a_wheel_that_climbs_a_curb_does_not_tip(kind, half, way):
     """With e = 0 it turns about the edge with ``1 - c / 1.5 r`` of its speed, for a curb of height c."""
     r, c, w, h = 0.1, 0.03, 6.0, 0.0005
     model = mujoco.MjModel.from_xml_string(
         f"""<mujoco><option timestep="{h}" integrator="RK4"/><worldbody><geom type="plane" size="9 9 1"/>
         <geom type="box" size="1 1 {c / 2}" pos="1 0 {c / 2}"/><body pos="-.09 0 {r}" euler="90 0 0"><freejoint/>
-        <geom type="cylinder" size="{r} {half}" mass="1"/></body></worldbody></mujoco>"""
+        <inertial pos="0 0 0" mass="1" diaginertia=".01 .01 {r * r / 2}"/><geom type="{kind}" size="{r} {half}"/></body>
+        </worldbody></mujoco>"""
     )
     data = mujoco.MjData(model)
     data.qvel[0], data.qvel[5] = r * w, -w

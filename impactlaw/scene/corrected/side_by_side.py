@@ -58,10 +58,8 @@ def _is_long(kind, geom):
 
 @plain
 def _can_lie(kind, one, other):
-    """Return whether two geoms are cylinders or capsules, or a cylinder and a box."""
-    if one < 0 or other < 0:
-        return False
-    return (_is_long(kind, one) and _is_long(kind, other)) or (kind[one] == CYLINDER and kind[other] == _BOX)
+    """Return whether two geoms are cylinders or capsules, or one of these and a box."""
+    return one >= 0 and other >= 0 and _is_long(kind, one) and (_is_long(kind, other) or kind[other] == _BOX)
 
 
 @plain
@@ -218,8 +216,8 @@ def _is_again(geom, k):
 def find_ends(shapes, geom, reach, dist, pos, frame, first):
     """Put contacts of cylinders that touch with their sides at second ends of lines; return whether any moves.
 
-    Capsules that are exactly parallel have both ends in MuJoCo. Where the side of a cylinder touches an edge of a box,
-    MuJoCo may have found several contacts, which are put at both ends in turn.
+    Capsules that are exactly parallel have both ends in MuJoCo. Where a side touches an edge of a box, MuJoCo may have
+    found several contacts, which are put at both ends in turn.
 
     Args:
         shapes: MuJoCo's geom_type, geom_size, geom_xpos and geom_xmat.
