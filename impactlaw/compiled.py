@@ -30,8 +30,8 @@ try:
     from impactlaw.parts import LinkedCompiler
 except ImportError as error:
     raise UncompilableError(
-        f"numba cannot be imported ({error}); time stepping, batches, contacts with friction that collide together and "
-        "the laws routh and compliant need it: pip install --upgrade numba"
+        f"numba cannot be imported ({error}); time stepping, batches, contacts with friction that collide together, "
+        "cylinders, capsules at boxes, and the laws routh and compliant need it: pip install --upgrade numba"
     ) from error
 
 _PARTS = (
