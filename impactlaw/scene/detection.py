@@ -51,6 +51,12 @@ class Distances(NamedTuple):
         contact = data.contact
         return cls(contact.geom, contact.dist, contact.frame[:, :3])
 
+    @property
+    def are_cut(self) -> bool:
+        """Whether MuJoCo may have left out others: it stops at `mjMAXCONPAIR` of a pair, as on a fine height field."""
+        most = mujoco.mjMAXCONPAIR
+        return len(self.distance) >= most and bool((np.unique(self.geoms, axis=0, return_counts=True)[1] >= most).any())
+
     def beyond(self, distance: float) -> Distances | None:
         """Return the pairs whose distance is larger than a given one, m; None if there are none."""
         return self.select((self.distance > distance).nonzero()[0])

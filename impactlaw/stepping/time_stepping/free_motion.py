@@ -18,7 +18,7 @@ from mujoco import (
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.stepping.compiled.whitening import Inertia
 from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
-from impactlaw.stepping.time_stepping.margins import find_outrun, find_sizes, set_margins
+from impactlaw.stepping.time_stepping.margins import find_outrun, find_sizes, narrow_margins, set_margins
 from impactlaw.stepping.time_stepping.problem.detection.contact_points import mend_contacts
 from impactlaw.stepping.time_stepping.problem.detection.nearest_points import find_nearest
 from impactlaw.stepping.time_stepping.problem.forces import without_far_limits
@@ -141,15 +141,23 @@ def _find_contacts(
     model: mujoco.MjModel, data: mujoco.MjData, options: TemporaryOptions, surfaces: Surfaces | None
 ) -> bool:
     """Compute everything that depends on positions, with smaller margins if MuJoCo has no room for all contacts."""
-    for share in SHARES:
+    mended = full = cut = False
+    for share in (*SHARES, 1.0):
         seen = data.warning.number[_FULL].sum()
         mended = _find(model, data, options, surfaces)
-        if data.warning.number[_FULL].sum() == seen:
-            _mend_contacts(model, data, options, mended=mended)
-            return False
-        options.scale_margins(share)
-    _mend_contacts(model, data, options, mended=_find(model, data, options, surfaces))
-    return True
+        full = data.warning.number[_FULL].sum() != seen
+        if full:
+            options.scale_margins(share)
+        cut = _narrow(model, data, share)
+        if not full and not cut:
+            break
+    _mend_contacts(model, data, options, mended=mended)
+    return full or cut
+
+
+def _narrow(model: mujoco.MjModel, data: mujoco.MjData, share: float) -> bool:
+    margins = model.geom_margin, model.pair_margin
+    return data.ncon > 0 and bool(narrow_margins(data.contact.geom, model.geom_type, *margins, share))
 
 
 def _find(model: mujoco.MjModel, data: mujoco.MjData, options: TemporaryOptions, surfaces: Surfaces | None) -> bool:

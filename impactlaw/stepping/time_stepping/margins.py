@@ -14,6 +14,8 @@ SLACK = 2.0
 """Ratio of the reach to the travel of a body in a step: more finds contacts in vain, less needs more detections."""
 ALWAYS = 1e6
 """Margin, m or rad, with which all limits are found."""
+_MOST = mujoco.mjMAXCONPAIR
+"""Largest number of contacts that MuJoCo finds between two geoms."""
 _PLANE, _FIELD = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD)
 
 
@@ -218,5 +220,31 @@ def write_margins(
     tendon_margin[:] = ALWAYS
 
 
-find_sizes, find_outrun, set_margins = map(for_python, (write_sizes, outruns, write_margins))
+@plain
+def narrow(geoms, shape, geom_margin, pair_margin, share):
+    """Scale down the margins of geoms with more contacts with a height field than MuJoCo finds, `mjMAXCONPAIR`.
+
+    MuJoCo goes through the prisms of the field by rows, and stops at that number: the nearest can be missing. Return
+    whether there are such geoms.
+
+    Args:
+        geoms: geoms of contacts, (ncon, 2).
+        shape: MuJoCo's geom_type, (ngeom,).
+        geom_margin: margins of geoms, m, (ngeom,), written.
+        pair_margin: margins of pairs, m, (npair,), written.
+        share: the factor.
+    """
+    found, many = False, 0
+    for c in range(len(geoms)):
+        one, other = geoms[c, 0], geoms[c, 1]
+        many = many + 1 if c > 0 and one == geoms[c - 1, 0] and other == geoms[c - 1, 1] else 1
+        if many == _MOST and min(one, other) >= 0 and (shape[one] == _FIELD or shape[other] == _FIELD):
+            geom_margin[one], geom_margin[other] = share * geom_margin[one], share * geom_margin[other]
+            found = True
+    for i in range(len(pair_margin) if found else 0):
+        pair_margin[i] *= share
+    return found
+
+
+find_sizes, find_outrun, set_margins, narrow_margins = map(for_python, (write_sizes, outruns, write_margins, narrow))
 """The forms of these functions that Python calls."""

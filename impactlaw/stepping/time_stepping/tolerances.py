@@ -43,8 +43,11 @@ It holds for each row of a connect or weld, and for all constraints of an island
 """
 SLOWEST = 1e-2
 """Smallest velocity with which shortfalls are compared, m/s."""
-SHARES = 0.2, 0.0
-"""Factors by which margins are reduced if there are too many contacts."""
+SHARES = 0.5, 0.4, 0.0
+"""Factors by which margins are reduced, one after another, if there are too many contacts.
+
+With the first one they are as large as the travel of bodies in a step, see `margins.SLACK`.
+"""
 HUGE = mujoco.mjMAXVAL
 """MuJoCo treats larger numbers as a mistake."""
 

@@ -93,3 +93,30 @@ def test_bodies_bounce_off_a_step_of_a_height_field(shape, compiled, way):
         least = min(least, data.qvel[0])
     assert least < -0.5
     assert data.qpos[0] < 0.0
+
+
+@pytest.mark.parametrize(
+    "way",
+    [{"scheme": "time-stepping"}, {"scheme": "time-stepping", "compiled": "never"}, {}],
+    ids=["compiled", "python", "event"],
+)
+@pytest.mark.parametrize(("shape", "height"), [('size=".2"', 0.2), ('type="ellipsoid" size=".3 .2 .1"', 0.1)])
+def test_bodies_fall_on_fine_height_fields(shape, height, way):
+    """MuJoCo stops at 50 contacts of two geoms: with wide margins it does not get to the nearest of these prisms."""
+    model = mujoco.MjModel.from_xml_string(f"""
+    <mujoco>
+      <option timestep="0.002" integrator="implicitfast"/>
+      <asset><hfield name="terrain" nrow="201" ncol="201" size="2 2 1 .3"/></asset>
+      <worldbody>
+        <geom type="hfield" hfield="terrain"/>
+        <body pos=".013 .027 .3"><freejoint/><geom {shape} density="500"/></body>
+      </worldbody>
+    </mujoco>""")
+    model.hfield_data[:] = 0.0
+    data = mujoco.MjData(model)
+    data.qvel[2] = -3.0
+    stepper = Stepper(model, Moreau(0.0), **way)
+    stepper.step(data, 150)
+    np.testing.assert_allclose(data.qpos[:3], [0.013, 0.027, height], atol=1e-4)
+    np.testing.assert_allclose(data.qpos[4:], 0.0, atol=1e-3)
+    assert stepper.short_steps == 0

@@ -72,6 +72,8 @@ class Dips:
         apart = detector.distances(data, max(reach, self._near))
         if apart is None:
             return True
+        if apart.are_cut:  # the nearest may be missing
+            return False
         least = apart.distance.item(apart.distance.argmin())
         if least < self._near + SKIN or self._opened(apart, start, before, duration, reach):
             return False

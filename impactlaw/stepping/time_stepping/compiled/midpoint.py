@@ -45,7 +45,7 @@ from impactlaw.stepping.time_stepping.compiled.state.surfaces import (
     surface_speed,
 )
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
-from impactlaw.stepping.time_stepping.margins import ALWAYS, outruns, write_arms, write_margins, write_sizes
+from impactlaw.stepping.time_stepping.margins import ALWAYS, narrow, outruns, write_arms, write_margins, write_sizes
 from impactlaw.stepping.time_stepping.problem.detection.contact_points import mend
 from impactlaw.stepping.time_stepping.temporary_options import EXACT
 from impactlaw.stepping.time_stepping.tolerances import SHARES
@@ -232,15 +232,22 @@ def _to_midpoint(w, start, margins, middle):
 @plain
 def _find_contacts(w, margins):
     warnings = ints(w.data + offset(w, DATA.warning), 2 * (max(_CONTACT_FULL, _ROWS_FULL) + 1))
-    for share in SHARES:
+    for share in (*SHARES, 1.0):
         seen = warnings[2 * _CONTACT_FULL + 1] + warnings[2 * _ROWS_FULL + 1]
         _find(w)
-        if warnings[2 * _CONTACT_FULL + 1] + warnings[2 * _ROWS_FULL + 1] == seen:
-            return False
-        for i in range(len(margins)):
+        full = warnings[2 * _CONTACT_FULL + 1] + warnings[2 * _ROWS_FULL + 1] != seen
+        for i in range(len(margins) if full else 0):
             margins[i] *= share
-    _find(w)
+        if not _narrow(w, share) and not full:
+            return False
     return True
+
+
+@plain
+def _narrow(w, share):
+    ngeom, npair = size(w, MODEL.ngeom), size(w, MODEL.npair)
+    margins = model_floats(w, MODEL.geom_margin, ngeom), model_floats(w, MODEL.pair_margin, npair)
+    return narrow(contact_ints(w, CONTACT.geom, 2), model_ints(w, MODEL.geom_type, ngeom), *margins, share)
 
 
 @plain
