@@ -119,8 +119,8 @@ class WorkingSet:
         if found.impulses is None or not found.impulses.collisions or not forces.act:
             return found
         own = forces.created(data, v, h)
-        created = self._size(found.impulses.work + own)
-        if not created > found.impulses.rounding or self._size(own) < SMALL_PART * created:
+        created = self._size(found.impulses.work + own, found.rows)
+        if not created > found.impulses.rounding or self._size(own, found.rows) < SMALL_PART * created:
             return found
         best, was, gravity = (self, free, created), np.inf, forces.at(data, np.zeros_like(v))
         begin, begins = forces.half(data, v, gravity, metric, -h)
@@ -132,7 +132,7 @@ class WorkingSet:
             used, (end, _) = end, forces.half(data, data.qvel, gravity, metric, h)
             mean = forces.kick(data.qvel, end, metric, 0.25 * h)
             work, rounding = (found.impulses.work, found.impulses.rounding) if found.impulses else (0.0, 0.0)
-            created = self._size(work + 0.5 * h * float(mean @ (end - used)))
+            created = self._size(work + 0.5 * h * float(mean @ (end - used)), found.rows)
             if created < best[2]:
                 best = moved, free, created
             if not rounding < created < 0.5 * was:
@@ -142,9 +142,10 @@ class WorkingSet:
             found = best[0]._try(data, near, best[1], found.known, found.collided)
         return found
 
-    def _size(self, work: float) -> float:
+    def _size(self, work: float, rows: Rows) -> float:
         """Return the energy that a collision creates; its absolute value if energy must not be lost, either."""
-        return abs(work) if self.problem.targets.restitution == 1.0 and not self.reader.frictional else work
+        slides = self.reader.frictional and len(rows.scale) > len(rows.key)
+        return abs(work) if self.problem.targets.restitution == 1.0 and not slides else work
 
     def _try(
         self,

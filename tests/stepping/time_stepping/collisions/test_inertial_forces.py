@@ -140,3 +140,17 @@ def test_links_that_turn_fast_and_hardly_hit_a_limit_go_on_alike_in_python(start
         Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=how).step(data, 3)
         found.append(data.qvel)
     np.testing.assert_allclose(*found, rtol=1e-10)
+
+
+@both
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+def test_friction_elsewhere_in_the_scene_costs_elastic_bodies_no_energy(friction, compiled_steps):
+    floor = '<geom type="plane" size="0 0 1"/>'
+    box = '<body pos="0 0 .5"><freejoint/><geom type="box" size=".1 .05 .03" pos=".04 0 0"/></body>'
+    ball = f'<body pos="50 0 1"><freejoint/><geom size=".1" condim="3" friction="{friction}"/></body>'
+    model, data = compiled(floor + box + ball, option='timestep="2e-3"', geom='condim="1" friction="0"')
+    data.qvel[:6] = 1.0, 0.0, -1.0, 3.0, -8.0, 2.0
+    start = energy(model, data)
+    stepper = Stepper(model, Moreau(1.0), scheme="time-stepping", compiled=compiled_steps)
+    stepper.step(data, 450)
+    assert energy(model, data) == pytest.approx(start, abs=2e-3)  # the box has 7 J

@@ -136,8 +136,8 @@ def _less_energy(w, law, start, bias, turning, gravity, free, jacobian, chosen, 
         mj.com_vel(w.model, w.data)
         return found
     own = created(w, start, bias, velocities_at(room, 1, 1))
-    gains = _size(w, found.solved.work + own)
-    if not gains > found.solved.rounding or _size(w, own) < SMALL_PART * gains:
+    gains = _size(w, found.solved.work + own, found)
+    if not gains > found.solved.rounding or _size(w, own, found) < SMALL_PART * gains:
         return found
     h, after, mean, last = w.timestep, velocity_of(w), velocities_at(room, 1, 1), velocities_at(room, 4, 1)
     begin, end = velocities_at(room, 5, 1), velocities_at(room, 6, 1)
@@ -156,7 +156,7 @@ def _less_energy(w, law, start, bias, turning, gravity, free, jacobian, chosen, 
         if found.solved.status != FINE:
             return found
         half(w, after, gravity, h, turning, mean, last, end)
-        gains = _size(w, found.solved.work + _stale(w, after, end, used, mean))
+        gains = _size(w, found.solved.work + _stale(w, after, end, used, mean), found)
         if gains < least:
             least = gains
             put(best, free)
@@ -196,7 +196,7 @@ def _stale(w, after, end, used, mean):
 
 
 @plain
-def _size(w, work):
+def _size(w, work, found):
     """Return the energy that a collision creates; its absolute value if energy must not be lost, either."""
-    elastic = setting(w, SETTING.restitution) == 1.0 and setting(w, SETTING.frictional) == 0.0
-    return abs(work) if elastic else work
+    slides = setting(w, SETTING.frictional) != 0.0 and found.rows > found.groups
+    return abs(work) if setting(w, SETTING.restitution) == 1.0 and not slides else work
