@@ -23,16 +23,20 @@ from impactlaw.compiling import LATER, Declared, start_helpers
 from impactlaw.errors import UncompilableError
 from impactlaw.locks import HAS_LOCKS, alone
 
+_NEEDED = (
+    "time stepping, batches, contacts with friction that collide together, cylinders, capsules at boxes, and the laws "
+    "routh and compliant need it"
+)
+
 try:
     import numba
     from numba.core import sigutils
 
     from impactlaw.parts import LinkedCompiler
 except ImportError as error:
-    raise UncompilableError(
-        f"numba cannot be imported ({error}); time stepping, batches, contacts with friction that collide together, "
-        "cylinders, capsules at boxes, and the laws routh and compliant need it: pip install --upgrade numba"
-    ) from error
+    raise UncompilableError(f"numba cannot be imported ({error}); {_NEEDED}: pip install --upgrade numba") from error
+if cast(Any, numba).config.DISABLE_JIT:
+    raise UncompilableError(f"numba compiles nothing, since NUMBA_DISABLE_JIT is set; {_NEEDED}")
 
 _PARTS = (
     "solvers/cones/algebra",

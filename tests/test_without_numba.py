@@ -1,5 +1,6 @@
 """What runs where compiled code cannot be used: without numba, or if MuJoCo's structures are not as it says."""
 
+import os
 import subprocess
 import sys
 from textwrap import dedent
@@ -92,6 +93,28 @@ def test_time_stepping_and_batches_say_that_they_need_numba():
     for line in lines:
         assert line.startswith("UncompilableError numba cannot be imported (No module named 'numba")
         assert "pip install" in line
+
+
+def test_the_setting_by_which_numba_does_not_compile_is_like_no_numba():
+    code = """
+        from impactlaw import ImpactLawError, Moreau, Stepper
+        from impactlaw.models import load
+        model, data = load("box_drop")
+        Stepper(model, Moreau(0.5), contact_model="soft").step(data)
+        try:
+            Stepper(model, Moreau(0.5), scheme="time-stepping")
+        except ImpactLawError as error:
+            print(type(error).__name__, error)
+        """
+    run = subprocess.run(
+        [sys.executable, "-c", dedent(code)],
+        env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.startswith("UncompilableError numba compiles nothing, since NUMBA_DISABLE_JIT is set")
 
 
 @pytest.mark.parametrize("options", [{"contact_model": "soft"}, {"scheme": "time-stepping"}])
