@@ -9,6 +9,7 @@ import mujoco
 from impactlaw.laws import Law
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.solvers.one_thread import one_thread
+from impactlaw.stepping.event_driven.last_step import LastStep
 from impactlaw.stepping.event_driven.location.passing import Passing
 from impactlaw.stepping.impact_event import LazyEvents, together
 from impactlaw.stepping.plan import make_plan
@@ -58,8 +59,13 @@ class RestOfStep:
         if self._stepping is not None:
             self._stepping.set_law(law)
 
-    def waits(self) -> bool:
-        """Return whether the next step is to be time stepped from its start; to be called once per step."""
+    def waits(self, last: LastStep) -> bool:
+        """Return whether the next step is to be time stepped from its start; to be called once per step.
+
+        Where the step does not begin at the end of the last one, as after a reset, earlier failures do not count.
+        """
+        if self._wait and not last.is_here():
+            self._wait = self._left = 0
         self._left -= 1
         return self._left >= 0
 

@@ -132,7 +132,7 @@ class RigidStepping:
         surfaces = self._surfaces
         motion = None if surfaces is None else surfaces.last_motion
         check_input(self._model, data, state)
-        waits = self._rest is not None and self._rest.waits()
+        waits = self._rest is not None and self._rest.waits(self._last)
         try:
             try:
                 with self._options:

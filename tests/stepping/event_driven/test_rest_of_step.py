@@ -66,6 +66,25 @@ def test_a_collision_without_a_solution_is_time_stepped_from_where_it_was(monkey
     assert data.qvel[2] == pytest.approx(0.5, abs=0.1)
 
 
+def test_an_episode_does_not_depend_on_steps_that_were_not_finished_in_one_before(monkeypatch):
+    model, data = compiled(FLOOR + BOX)
+    used, fresh = Stepper(model, Moreau(0.5)), Stepper(model, Moreau(0.5))
+    with monkeypatch.context() as hard:
+        hard.setattr("impactlaw.stepping.event_driven.persistent_contact.frictional.solve_cone_rows", unsolved)
+        for _ in range(50):
+            used.step(data)
+    assert used.unlocated == 50
+    ends = []
+    for stepper in used, fresh:
+        mujoco.mj_resetData(model, data)
+        data.qpos[2], data.qvel[:3] = 0.101, (1.0, 0.0, -1.0)
+        stepper.step(data)
+        assert len(stepper.events) == 1
+        ends.append(data.qpos.copy())
+    assert used.unlocated == 50
+    assert np.array_equal(*ends)
+
+
 def test_after_a_step_that_was_not_finished_more_and_more_are_left_to_time_stepping(monkeypatch):
     model, data = compiled(FLOOR + BOX)
     tried, advance = [], SmoothPhases.advance_to_contact
