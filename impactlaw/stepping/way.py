@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import mujoco
-import numpy as np
 
 from impactlaw.errors import FlexContactsWarning, UncompilableError, UnreadSensorsWarning, warn_of_python
 from impactlaw.laws import Coulomb, Law, MaximalDissipation
@@ -21,7 +20,6 @@ from impactlaw.stepping.event_driven.scheme import RigidStepping
 from impactlaw.stepping.options import Options
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.soft.scheme import SoftStepping
-from impactlaw.stepping.soft.tolerances import FALLS, REST_SPEED
 
 if TYPE_CHECKING:
     from impactlaw.stepping.soft.compiled.stepping import CompiledSoftStepping
@@ -113,12 +111,9 @@ class Way:
     def _soft(self, law: Law) -> SoftStepping | CompiledSoftStepping:
         """Return soft stepping, in compiled code if it covers the scene and the law."""
         o = self.options
-        opt, speed = self.model.opt, o.rest_speed
         if self.chosen is None and flexes_touch(self.model):
             warnings.warn(_FLEXES, FlexContactsWarning, stacklevel=4)
-        if speed is None:
-            speed = max(REST_SPEED, FALLS * opt.timestep * float(np.linalg.norm(opt.gravity)))
-        scheme = SoftStepping(self.model, self._collider(law), self.plan, rest_speed=speed, chosen=self.chosen)
+        scheme = SoftStepping(self.model, self._collider(law), self.plan, rest_speed=o.rest_speed, chosen=self.chosen)
         if o.compiled == "never":
             return scheme
         try:

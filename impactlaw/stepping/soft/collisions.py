@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import nullcontext
 from dataclasses import replace
 from typing import NamedTuple
@@ -31,7 +32,7 @@ from impactlaw.stepping.soft.driving_constraints import Constraints, is_dragged
 from impactlaw.stepping.soft.locked_joints import added_inertia, with_locked_joints
 from impactlaw.stepping.soft.position_correction import put_back
 from impactlaw.stepping.soft.rebounds import Normals, hold_back, normals
-from impactlaw.stepping.soft.tolerances import OPENING, ROUNDING, WORK
+from impactlaw.stepping.soft.tolerances import FALLS, OPENING, REST_SPEED, ROUNDING, WORK
 from impactlaw.stepping.work import Work
 
 POSITION, VELOCITY = int(mujoco.mjtStage.mjSTAGE_POS), int(mujoco.mjtStage.mjSTAGE_VEL)
@@ -55,7 +56,7 @@ class Collisions:
     Attributes:
         model: the scene.
         collider: computes the velocity after collisions.
-        rest_speed: closing speed above which a contact collides, m/s or rad/s.
+        given_speed: the option `rest_speed` of `Stepper`, m/s or rad/s; None if it is not given.
         friction: whether contacts have friction in collisions.
         chosen: the contacts to which the law applies; None for all.
         surfaces: moving mocap bodies and belts; None if there are none.
@@ -69,15 +70,21 @@ class Collisions:
     """
 
     def __init__(
-        self, model: mujoco.MjModel, collider: Collider, plan: Plan, *, rest_speed: float, chosen: Chosen | None
+        self, model: mujoco.MjModel, collider: Collider, plan: Plan, *, rest_speed: float | None, chosen: Chosen | None
     ):
         self.model = model
-        self.collider, self.rest_speed, self.friction, self.chosen = collider, rest_speed, plan.friction, chosen
+        self.collider, self.given_speed, self.friction, self.chosen = collider, rest_speed, plan.friction, chosen
         self.surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces else None
         self.names, self.limits, self.bilateral = geom_names(model), Limits(model), bilateral_constraints(model)
         self.unlocated = self.short_steps = 0
         self._mass = float(model.body_mass[model.body_weldid > 0].sum())
         self._work = Work(model.nv, WORK, rounds=THOROUGH, once=True)
+
+    @property
+    def rest_speed(self) -> float:
+        """Closing speed above which a contact collides, m/s or rad/s; if not given, for timestep and gravity now."""
+        option, given = self.model.opt, self.given_speed
+        return max(REST_SPEED, FALLS * option.timestep * math.hypot(*option.gravity)) if given is None else given
 
     def resolve(self, data: mujoco.MjData) -> tuple[tuple[ImpactEvent, ...], int]:
         """Change the velocity by the law; return the collisions and MuJoCo's last stage that is still current.

@@ -70,7 +70,7 @@ class SoftStepping:
         collider: Collider,
         plan: Plan,
         *,
-        rest_speed: float,
+        rest_speed: float | None,
         chosen: Chosen | None = None,
     ):
         self.model = model

@@ -1,5 +1,7 @@
 """A body at rest on several soft contacts is hit: all of them take part, though some open slightly."""
 
+import copy
+
 import mujoco
 import numpy as np
 import pytest
@@ -94,3 +96,16 @@ def test_what_has_fallen_comes_to_rest_in_large_timesteps(geom, timestep, code):
         late += data.time > 3 and len(stepper.events) > 0
     assert late == 0
     assert np.abs(data.qvel).max() < 1e-3
+
+
+@pytest.mark.parametrize("code", ["auto", "never"])
+def test_what_is_at_rest_depends_on_the_timestep_and_gravity_of_now(code):
+    """The least speed of collisions is 1.5 times what gravity gives in a timestep: 0.29, 0.1 and 0.3 m/s here."""
+    model, start = compiled(BOX.format(height=9), option='timestep="0.02"')
+    start.qpos[2], start.qvel[2] = 0.0999, -0.2
+    stepper, collisions = Stepper(model, Moreau(0.5), contact_model="soft", compiled=code), []
+    for timestep, gravity in ((0.02, -9.81), (0.002, -9.81), (0.002, -100.0), (0.002, -9.81)):
+        model.opt.timestep, model.opt.gravity[2] = timestep, gravity
+        stepper.step(copy.copy(start))
+        collisions.append(stepper.sums.collisions)
+    assert collisions == [0, 1, 0, 1]

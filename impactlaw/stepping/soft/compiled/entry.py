@@ -8,12 +8,13 @@ import numba
 from numba import types
 
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.loops import clear
-from impactlaw.stepping.compiled.fields import flags, floats, longs
+from impactlaw.solvers.cones.algebra.loops import clear, norm, plain
+from impactlaw.stepping.compiled.fields import MODEL, flags, float_at, floats, long_at, longs
 from impactlaw.stepping.compiled.libmujoco import is_watched
 from impactlaw.stepping.soft.compiled.collide import COUNT, SUMS
 from impactlaw.stepping.soft.compiled.step import advance
 from impactlaw.stepping.soft.compiled.world import CALLBACK, FINE, Law
+from impactlaw.stepping.soft.tolerances import FALLS, REST_SPEED
 
 TOTAL = 3
 """Index at which the sums over all steps begin, in the array of `Context.numbers`."""
@@ -28,7 +29,8 @@ class Context(NamedTuple):
     model: int = 2  # address of the model
     trial: int = 3  # address of other data
     table: int = 4  # address of offsets of fields
-    numbers: int = 5  # address of restitution, tangential restitution, rest speed, and the sums over all steps, written
+    # address of restitution, tangential restitution, rest speed (NaN if not given), and sums over all steps, written
+    numbers: int = 5
     exact: int = 6  # whether friction is exact Coulomb friction
     frictional: int = 7  # whether contacts have friction
     most: int = 8  # largest number of collisions, see `world.Law`
@@ -54,6 +56,15 @@ class Context(NamedTuple):
 CONTEXT = Context()
 
 
+@plain
+def _rest_speed(model, table, given):
+    """Return the closing speed above which contacts collide, see `collisions.Collisions`; it is not given if NaN."""
+    if given == given:
+        return given
+    gravity = floats(model + long_at(table + 8 * MODEL.opt_gravity), 3)
+    return max(REST_SPEED, FALLS * float_at(model + long_at(table + 8 * MODEL.opt_timestep)) * norm(gravity))
+
+
 @linked("void(int64)")
 def steps(context):
     """Take the steps, until one of them has a status other than `FINE`."""
@@ -64,9 +75,10 @@ def steps(context):
     if is_watched(longs(c[CONTEXT.callbacks], c[CONTEXT.callback_count])):
         c[CONTEXT.status] = CALLBACK
         return
+    speed = _rest_speed(c[CONTEXT.model], c[CONTEXT.table], numbers[2])
     law = Law(
         numbers[0], numbers[1], c[CONTEXT.exact] != 0, c[CONTEXT.last_exact] != 0, c[CONTEXT.frictional] != 0,
-        numbers[2], c[CONTEXT.most], longs(c[CONTEXT.keys], c[CONTEXT.known]),
+        speed, c[CONTEXT.most], longs(c[CONTEXT.keys], c[CONTEXT.known]),
         floats(c[CONTEXT.values], c[CONTEXT.known]), c[CONTEXT.asked : CONTEXT.asked + 1],
         floats(c[CONTEXT.outcomes], c[CONTEXT.outcome_count]), flags(c[CONTEXT.bilateral], c[CONTEXT.constraints]),
     )  # fmt: skip

@@ -40,7 +40,8 @@ class CompiledSoftStepping(OneWorld):
         self._scheme, self._trial = scheme, mujoco.MjData(model)
         self._room, self._steps = len(empty_state(model)), 0
         self._states = np.zeros((1, self._room + SUMS))
-        self._numbers = np.array([np.nan, 0.0, scheme.collisions.rest_speed, *np.zeros(SUMS)])
+        given = scheme.collisions.given_speed
+        self._numbers = np.array([np.nan, 0.0, np.nan if given is None else given, *np.zeros(SUMS)])
         self._total = memoryview(self._numbers.data)[TOTAL:]
         kept = scheme.collisions.bilateral
         self._bilateral = constraint_kinds(model) if kept.any() else np.zeros(0, np.uint8)
