@@ -1,11 +1,12 @@
 """Laws that would create energy are scaled in time stepping, unless an option says otherwise."""
 
+import mujoco
 import numpy as np
 import pytest
 from scenes import compiled
 from stepping.time_stepping.stepped import FLOOR, stepping
 
-from impactlaw import Fremond, LinearMap, Newton
+from impactlaw import Fremond, LinearMap, Moreau, Newton, Stepper
 from impactlaw.errors import InadmissibleImpactError
 
 
@@ -71,3 +72,42 @@ def test_a_law_that_creates_energy_is_held_back_let_through_or_refused(law):
     assert struck(on_inadmissible="allow") > 1.01
     with pytest.raises(InadmissibleImpactError):
         struck(on_inadmissible="raise")
+
+
+FOLDED_LEG = """<mujoco><option timestep=".002" gravity="0 0 0"/><worldbody>
+  <body><freejoint/><inertial pos="0 0 0" mass="40" diaginertia="1.7 1.6 .34"/>
+    <body pos=".33 -.07 0"><inertial pos="0 0 0" mass="2.5" diaginertia=".005 .004 .003"/>
+      <joint axis="1 0 0" armature=".1"/>
+      <geom type="cylinder" size=".07 .025" pos="0 -.12 0" quat=".7071 .7071 0 0"/>
+      <body pos="0 -.12 0"><inertial pos="0 .037 -.043" mass="7.5" diaginertia=".085 .084 .011"/>
+        <joint axis="0 1 0" armature=".1"/>
+        <body pos="0 0 -.35"><inertial pos=".01 0 -.16" mass=".68" diaginertia=".016 .016 .0004"/>
+          <joint axis="0 1 0" range="-2.82 -.43" limited="true" armature=".1"/>
+          <geom type="box" size=".05 .0122 .009" pos=".022 0 -.1" quat=".7807 0 .6249 0"/>
+          <geom type="box" size=".075 .0122 .0075" pos=".036 0 -.225" quat=".7214 0 .6925 0"/>
+          <geom size=".032" pos="0 0 -.35"/>
+        </body></body></body></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("code", ["never", "auto"])
+@pytest.mark.parametrize(
+    ("e", "angle", "speed"),
+    [
+        (0.8, (-0.02, 3.33, -2.76), (11.0, -34.0)),
+        (0.8, (-0.2, 3.25, -2.72), (4.0, -36.0)),
+    ],
+)
+def test_a_collision_with_several_solutions_creates_no_energy(e, angle, speed, code):
+    """The calf of a leg folds against its hip and its limit: one solution loses energy, another one gains it."""
+    model = mujoco.MjModel.from_xml_string(FOLDED_LEG)
+    model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
+    data = mujoco.MjData(model)
+    data.qpos[7:], data.qvel[7:] = angle, speed
+    mujoco.mj_forward(model, data)
+    before = data.energy.sum()
+    stepper = Stepper(model, Moreau(e), scheme="time-stepping", compiled=code)
+    stepper.step(data)
+    mujoco.mj_forward(model, data)
+    assert stepper.sums.collisions > 0
+    assert data.energy.sum() < 1.01 * before
+    assert stepper.sums.inadmissible > 0

@@ -22,7 +22,9 @@ from impactlaw.stepping.time_stepping.tolerances import SLOWEST
 
 _FEW = 1  # rounds of slower methods in a search
 _CLOSE = 1e-10  # part of the exchanged energy of contacts by which a search may end below the allowed energy
+_LEAST = 0.1  # share of restitution that is not halved any more
 _SEARCHES = 40  # largest number of searches for the share of restitution that creates no energy, while work is left
+_OTHER = 1e-6  # part of the exchanged energy above which created energy is not rounding: it is another solution's
 _JAMMED = 1e-3  # bodies jam if the law is missed by this part of the largest contact velocity, or by the natural map
 RESERVE = 0.2
 """Part of the allowed work that is reserved for a step without restitution; further phases need more."""
@@ -75,12 +77,15 @@ def _largest(rows, aims, s, allowed, searches, method, found):
 
 @kernel
 def largest_share(rows, aims, known, dissipative, method):
-    """Return the largest s found at which a collision creates no energy, and the energy it creates alone with s = 1, J.
+    """Return the largest s found at which a collision creates no energy, what it creates, and what it may create, J.
 
     The collision alone starts from v- and contains no forces; its contacts do ``Lambda^T (gamma- + gamma+) / 2``. With
     friction, or a matrix E, that can be positive (T. R. Kane, *A dynamics puzzle*, 1984); with s = 0 it is not. If it
     is positive, s is chosen such that the collision creates no energy together with forces either, or no more than
     with s = 0. If the collision need not be `dissipative`, s is 1. The impulses ``known`` are a guess, (n,).
+
+    Of the energies, the first one is what the collision creates alone with s = 1, the second one what it may create
+    with forces; infinite if s was not chosen by it.
     """
     n, rates = len(known), rows.rates
     rates_alone = numbers(5 * n).reshape((5, n))
@@ -94,14 +99,14 @@ def largest_share(rows, aims, known, dissipative, method):
     alone = Rows(rows.sparse, rows.colind, rows.value, rows.groups, rows.key, rows.amounts, rates_alone)
     s, gained = _largest(alone, aims, 1.0, 0.0, _SEARCHES if dissipative else 1, method, found)
     if not dissipative:
-        return 1.0, gained
+        return 1.0, gained, _ANY
     if s == 1.0 or s == 0.0 or method.left[0] <= 0.0:
-        return s, gained
+        return s, gained, _ANY
     put(found.x, known)
     solve_scaled(rows, aims, 0.0, method, found)
     allowed = max(0.0, contact_work(rows, found.after, found.x)[0])
     s, _ = _largest(rows, aims, s, allowed, _SEARCHES, method, found)
-    return s, gained
+    return s, gained, allowed
 
 
 @plain
@@ -109,6 +114,13 @@ def _fails(rows, found, residual):
     """Return whether impulses miss the law by far, or are unsolved and create energy."""
     missed, fastest = shortfall(rows, found.after, found.reached)
     return missed > _JAMMED * max(SLOWEST, fastest) or (residual > UNSOLVED and creates(rows, found.after, found.x))
+
+
+@plain
+def _is_other(rows, found, allowed):
+    """Return whether impulses create more energy than allowed, J, and so are not the solution that the search found."""
+    work, total = contact_work(rows, found.after, found.x)
+    return work - allowed > _OTHER * total and creates(rows, found.after, found.x)
 
 
 @plain
@@ -154,6 +166,9 @@ def judge(rows, aims, method, found):
 def scale_down(rows, aims, dissipative, reserve, method, whole, found):
     """Scale all restitution so that collisions create no energy, or remove it if bodies jam.
 
+    Contacts with friction can have several solutions. If the last one creates energy, though that of the search with
+    the same share does not, the share is halved until none is created.
+
     Args:
         rows: see `rows.Rows`.
         aims: what the step asks of the rows; the target sliding velocities that remain are written.
@@ -166,12 +181,13 @@ def scale_down(rows, aims, dissipative, reserve, method, whole, found):
     Returns:
         The result of `by_islands.solve_contacts`.
     """
-    (residual, failed, jammed), s, created, rounds = whole, 1.0, 0.0, method.rounds
+    (residual, failed, jammed), s, created, allowed, rounds = whole, 1.0, 0.0, _ANY, method.rounds
     some, groups = has_restitution(rows.groups, aims), rows.groups
     if some and not jammed:
         work, total = contact_work(rows, found.after, found.x)
         if work > CREATED * total:
-            s, created = largest_share(rows, aims, found.x, dissipative, with_rounds(method, min(rounds, _FEW)))
+            few = with_rounds(method, min(rounds, _FEW))
+            s, created, allowed = largest_share(rows, aims, found.x, dissipative, few)
     while s < 1.0 or (jammed and some):
         if jammed:
             s, method.left[0], rounds = 0.0, max(method.left[0], reserve), max(rounds, _SAFE)
@@ -179,8 +195,9 @@ def scale_down(rows, aims, dissipative, reserve, method, whole, found):
         residual = solve_scaled(rows, aims, s, with_rounds(method, rounds), found)
         failed = _fails(rows, found, residual)
         jammed = failed or residual > _JAMMED
-        if not jammed or s == 0.0:
+        if s == 0.0 or not (jammed or _is_other(rows, found, allowed)):
             break
+        s = 0.5 * s if s > _LEAST else 0.0
     n = len(found.x)
     if failed and without_friction(rows, with_rounds(method, rounds), found.room[n : 2 * n], found.x, found.z):
         row_velocities(rows, found.z, found.after)
