@@ -55,6 +55,9 @@ class EpisodeLog:
         self._on, self._told, self._time = False, False, np.inf
         self._model: mujoco.MjModel | None = None
         self._law: Any = None
+        self._made: dict[str, Any] = {}
+        self._options: LawOptions | None = None
+        self._between = False  # whether no timestep was recorded since a reset or an environment step
         self._recorder: Recorder | None = None
         first = self._named(0)
         if not first.parent.is_dir():
@@ -98,8 +101,9 @@ class EpisodeLog:
             return
         recorder = self._open(stepper)
         self._law = recorder.law = stepper.law
-        settings, made = options.settings(stepper.law), how_made(options, stepper.model, self._timesteps)
-        recorder.begin_episode(self._episode, seed=seed, generator=generator, settings=settings, made=made)
+        settings, self._made = options.settings(stepper.law), how_made(options, stepper.model, self._timesteps)
+        self._options, self._between = options, True
+        recorder.begin_episode(self._episode, seed=seed, generator=generator, settings=settings, made=self._made)
         recorder.step(data)
 
     def watch(self, stepper: Stepper, data: mujoco.MjData, options: LawOptions) -> None:
@@ -121,12 +125,18 @@ class EpisodeLog:
             self._law = stepper.law
             if after is None or after != before:  # else it is an equal law, made again
                 recorder.change_law(stepper.law, after)
+        if self._between and self._options is not None:
+            made = how_made(self._options, stepper.model, self._timesteps)
+            if made != self._made:
+                recorder.change_model(made)
+            self._made, self._between = made, False
         recorder.step(data, events)
 
     def end_step(self, action: Any, reward: Any, terminated: bool, truncated: bool) -> None:
         """Record the end of an environment step, after its last timestep."""
         if self._on and self._recorder is not None:
             self._recorder.end_step(action, reward, terminated=terminated, truncated=truncated)
+            self._between = True
 
     def finish(self) -> None:
         """Close the current file."""

@@ -26,7 +26,9 @@ def restart(env: gymnasium.Env, episode: Episode, *, allow_law_changes: bool = F
     The environment must have been made like the recorded one. Compared are its name, the options of the law, timestep,
     frame_skip, integrator, the initial state, and in the model: masses, sizes, friction, joints, actuators, tendons,
     gravity, contact parameters, wind, density, viscosity, height fields and disable flags. Others, such as meshes and
-    sites, are not. An episode in which the law was set is refused, since its actions alone do not reproduce it.
+    sites, are not. If the model was changed after the reset, as by other masses, the environment must have these before
+    `restart`, or get them in its own reset. An episode in which the law or the model was changed later is refused,
+    since its actions alone do not reproduce it.
 
     Args:
         env: an environment of this package, or one with an `ImpactLaw` around it.
@@ -36,7 +38,7 @@ def restart(env: gymnasium.Env, episode: Episode, *, allow_law_changes: bool = F
 
     Raises:
         RecordingError: episode is not an `Episode`; the recording has neither a seed nor a generator state; the
-            environment differs from the recorded one; or the law was set during the episode.
+            environment differs from the recorded one; or the law or the model was changed during the episode.
         WrapperError: the environment has no impact law.
     """
     if not isinstance(episode, Episode):
@@ -54,6 +56,11 @@ def restart(env: gymnasium.Env, episode: Episode, *, allow_law_changes: bool = F
             f"the law was set during episode {episode.number}: before step {first.step} to {first.law:.200}; pass "
             "allow_law_changes=True, and set the law of the environment to the value of each of episode.law_changes "
             "before its step"
+        )
+    if episode.model_changes:
+        raise RecordingError(
+            f"the model was changed during episode {episode.number}, first before step {episode.model_changes[0]}: "
+            f"reset(seed={episode.seed}) begins it, but its actions alone do not reproduce it"
         )
     if episode.seed is None and episode.generator is not None:
         env.unwrapped.np_random.bit_generator.state = episode.generator

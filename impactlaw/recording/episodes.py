@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class EpisodeMarks:
-    """A buffer of episode starts, law changes and environment steps since the last `send`."""
+    """A buffer of episode starts, changes of law and model, and environment steps since the last `send`."""
 
     def __init__(self) -> None:
         self._rows: dict[str, list[tuple[float, int, dict[str, Any]]]] = {path: [] for path in layout.MARKED}
@@ -110,8 +110,9 @@ class Episode:
             environment.
         scene: name of the environment, or of the scene; None if unknown.
         contact_model: "rigid" or "soft"; None if unknown.
-        made: how the environment was made, by names of options; empty if unknown.
+        made: how the environment stepped first, by names of options; empty if unknown.
         law_changes: laws that were set within the episode, in order.
+        model_changes: environment steps, counted from 0, before which the model was changed within the episode.
     """
 
     number: int
@@ -130,6 +131,7 @@ class Episode:
     contact_model: str | None = None
     made: dict[str, Any] = field(default_factory=dict)
     law_changes: tuple[LawChange, ...] = ()
+    model_changes: tuple[int, ...] = ()
 
 
 def read_episodes(entities: dict[str, Entity], time: np.ndarray, scene: str | None) -> tuple[Episode, ...]:
@@ -178,6 +180,7 @@ def _episode(entities: dict[str, Entity], time: np.ndarray, start: dict[str, Any
         for name in layout.STEP_COLUMNS:
             cells = steps.cells(f"{layout.TAKEN}:{name}")
             taken[name] = [cells[i] if name == "action" else cells[i][0] for i in mine]
+    made, model_changes = _made(entities.get(layout.MODELS), start.get("made") or "{}", begin, part.stop, frame)
     last = [word for word in ("terminated", "truncated") if taken[word] and taken[word][-1]]
     generator, settings = start.get("generator"), json.loads(start.get("settings") or "{}")
     return Episode(
@@ -195,9 +198,27 @@ def _episode(entities: dict[str, Entity], time: np.ndarray, start: dict[str, Any
         ended=last[0] if last else "",
         scene=start["scene"],
         contact_model=settings.get("contact_model"),
-        made=json.loads(start.get("made") or "{}"),
+        made=json.loads(made),
         law_changes=_law_changes(entities.get(layout.CHANGES), begin, part.stop, frame),
+        model_changes=model_changes,
     )
+
+
+def _made(entity: Entity | None, made: str, begin: int, end: int, frame: np.ndarray) -> tuple[str, tuple[int, ...]]:
+    """Return how the environment took its first step, as JSON, and the steps before which the model was changed later.
+
+    `made` is how it was made at the reset. The other arguments are those of `_law_changes`.
+    """
+    if entity is None:
+        return made, ()
+    cells, changes = entity.cells(f"{layout.REMADE}:made"), []
+    for i in np.flatnonzero((entity.step >= begin) & (entity.step < end)):
+        step = int(np.searchsorted(frame, int(entity.step[i]) - begin))
+        if step == 0:
+            made = cells[i][0]
+        else:
+            changes.append(step)
+    return made, tuple(changes)
 
 
 def _law_changes(entity: Entity | None, begin: int, end: int, frame: np.ndarray) -> tuple[LawChange, ...]:

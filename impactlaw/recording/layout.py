@@ -29,7 +29,15 @@ EPISODE_COLUMNS = {"number": "int", "seed": "int"} | dict.fromkeys(("law", "gene
 CHANGES, CHANGE = "episodes/laws", "impactlaw.LawChange"
 CHANGE_COLUMNS = {"law": "text", "value": "text"}
 """Columns of a law set within an episode, at the first frame under it; ``value`` is JSON."""
-MARKED = {EPISODES: (EPISODE, EPISODE_COLUMNS), STEPS: (TAKEN, STEP_COLUMNS), CHANGES: (CHANGE, CHANGE_COLUMNS)}
+MODELS, REMADE = "episodes/models", "impactlaw.ModelChange"
+REMADE_COLUMNS = {"made": "text"}
+"""Columns of a model changed within an episode, at the first frame with it; ``made`` is JSON, as that of an episode."""
+MARKED = {
+    EPISODES: (EPISODE, EPISODE_COLUMNS),
+    STEPS: (TAKEN, STEP_COLUMNS),
+    CHANGES: (CHANGE, CHANGE_COLUMNS),
+    MODELS: (REMADE, REMADE_COLUMNS),
+}
 GEOMETRY_BODIES = "impactlaw.Geometry:bodies"
 COLLISION = "impactlaw.Collision"
 COLLISION_COLUMNS = {

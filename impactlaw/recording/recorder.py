@@ -73,7 +73,7 @@ class Recorder:
         self.path = file_path(path)
         self._episode = -1
         self._coming: dict[str, Any] | None = None
-        self._changed: dict[str, Any] | None = None
+        self._changes: dict[str, dict[str, Any]] = {}  # of law and model, with the next frame
         self._told = False  # whether `begin_episode` has been called
         self._time, self._offset = -np.inf, 0.0
         self._sizes = model.nq, model.nv
@@ -139,7 +139,15 @@ class Recorder:
             value: the law as plain values.
         """
         self.law = law
-        self._changed = {"law": self.law, "value": None if value is None else json.dumps(value)}
+        self._changes[layout.CHANGES] = {"law": self.law, "value": None if value is None else json.dumps(value)}
+
+    def change_model(self, made: Mapping[str, Any]) -> None:
+        """Record that the model was changed within the episode, from the next frame on.
+
+        Args:
+            made: description of how the environment steps now, as for `begin_episode`.
+        """
+        self._changes[layout.MODELS] = {"made": json.dumps(dict(made))}
 
     def end_step(self, action: Any, reward: Any, *, terminated: bool = False, truncated: bool = False) -> None:
         """Record action, reward and end of an environment step, whose last timestep is the last frame.
@@ -211,9 +219,9 @@ class Recorder:
             self._episode = self._coming["number"]
             self._marks.add(layout.EPISODES, file.clock, file.step, {**self._coming, "law": self.law})
             self._coming = None
-        if self._changed is not None:
-            self._marks.add(layout.CHANGES, file.clock, file.step, self._changed)
-            self._changed = None
+        for path, cells in self._changes.items():
+            self._marks.add(path, file.clock, file.step, cells)
+        self._changes.clear()
 
     def _log_once(self, stream: Any, groups: list[Group], bodies: list[str], properties: dict[str, Any]) -> None:
         import rerun as rr

@@ -230,6 +230,32 @@ def test_another_model_is_refused(change, message, tmp_path):
         restart(other, read_log(tmp_path / "run.rrd").episode(0))
 
 
+def test_masses_that_are_set_after_a_reset_are_recorded_with_the_first_step(tmp_path):
+    env = hopper(log=tmp_path / "run.rrd")
+    env.reset(seed=3)
+    env.unwrapped.model.body_mass[1:] *= 1.2
+    for _ in range(20):
+        env.step(env.action_space.sample())
+    env.reset(seed=4)
+    for change in (1.0, 1.1):
+        env.unwrapped.model.body_mass[1:] *= change
+        for _ in range(5):
+            env.step(env.action_space.sample())
+    env.unwrapped.model.body_mass[1:] *= 0.5  # after the last step, for the next episode
+    play(env, 1, 3)
+    env.close()
+    episodes = read_log(tmp_path / "run.rrd").episodes
+    assert [episode.model_changes for episode in episodes] == [(), (5,), ()]
+    with pytest.raises(RecordingError, match="parameters of the model="):
+        restart(hopper(), episodes[0])
+    again = hopper()
+    again.unwrapped.model.body_mass[1:] *= 1.2
+    restart(again, episodes[0])
+    assert_same_states(again, episodes[0])
+    with pytest.raises(RecordingError, match="the model was changed during episode 1, first before step 5"):
+        restart(again, episodes[1])
+
+
 def test_another_control_timestep_of_dm_control_is_refused(tmp_path):
     from dm_control import suite
     from dm_control.rl.control import Environment
