@@ -32,10 +32,10 @@ _BEST, _FROM_BEST, _FROM_GUESS, _FROM_REST, _AGAIN = 0, 1, 2, 3, 4
 _BEGINS = np.array([_BEST, _FROM_BEST, _FROM_GUESS, _FROM_REST, _AGAIN, _BEST])
 """Next starting points of Newton's method: the best point; the result of the interior point method started at the best
 point, at the guess or at zero impulse; the last of these results again; and the best point again."""
-_MAPS = np.array([ALART_CURNIER, ALART_CURNIER, ALART_CURNIER, ALART_CURNIER, DE_SAXCE, DE_SAXCE])
-_MOST = np.array([10, 10, 10, 15, 25, 25])  # Newton steps of each
-_SCALES = np.array([1.0, 1.0, 1.0, 10.0, 1.0, 1.0])  # factor of R
-_EASES = np.array([0.0, 0.0, 0.0, 0.0, 1e2, 1.0])  # regularization per relative natural map
+_MAPS = np.array([ALART_CURNIER, DE_SAXCE, DE_SAXCE, DE_SAXCE, ALART_CURNIER, DE_SAXCE])
+_MOST = np.array([10, 25, 25, 25, 25, 25])  # Newton steps of each
+_GENTLE = 30.0  # regularization per relative natural map of Newton's method after interior points
+_EASES = np.array([0.0, _GENTLE, _GENTLE, _GENTLE, 0.0, 1.0])  # regularization per relative natural map
 _HOPEFUL = 1e-2  # relative natural map up to which a solution is likely to exist
 _AFTER, _LONG = np.int64(25), np.int64(75)  # Newton steps after each round, in an island of one block and of many
 _PATIENCE, _ENDLESS = np.int64(8), np.int64(1000)  # patience of Newton's method
@@ -57,7 +57,6 @@ _PILE = 40  # number of rows from which bodies may be a pile
 _INTERIOR, _HANDED_ON = np.int64(30), 1e4  # steps of the interior point method, and tolerances at which it ends
 _BRIEF_INTERIOR = np.int64(15)  # its steps in large piles
 _HURRY = np.int64(2)  # patience of Newton's method in piles before it, and in large piles after it
-_GENTLE = 30.0  # regularization per relative natural map of Newton's method after it, in piles that are not large
 _CLOSE, _SPARE = 1e-3, 0.25  # relative natural map, and part of the allowed work, for rounds from the best point
 _SHORT = 0.25  # part of the allowed work up to which rounds do not count as long
 
@@ -212,9 +211,7 @@ def _go_on(
             taken += interior(P, K, inside, scale, _HANDED_ON * tolerance, _INTERIOR)
         put(point, inside)
         kind = _MAPS[k] if P.exact else CONVEX
-        more, r = newton(
-            P, K, G, point, tolerance, _MOST[k], kind, _SCALES[k], delta, _EASES[k] / scale, _PATIENCE
-        )  # fmt: skip
+        more, r = newton(P, K, G, point, tolerance, _MOST[k], kind, 1.0, delta, _EASES[k] / scale, _PATIENCE)
         spend(left, (taken + more) * step, step, n)
         total += taken + more
         if r < least:

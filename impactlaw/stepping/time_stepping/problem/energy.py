@@ -73,6 +73,12 @@ def contact_work(rows, after, x):
 
 
 @plain
+def free_work(rows, after, x):
+    """Return what `contact_work` returns, since the motion without contact."""
+    return _work_since(rows, rows.rates[2], after, x)
+
+
+@plain
 def creates(rows, after, x):
     """Return whether contacts add energy to both the motion before and that without contact: no friction law does.
 
@@ -82,7 +88,7 @@ def creates(rows, after, x):
     work, total = contact_work(rows, after, x)
     if work <= CREATED * total:
         return False
-    work, total = _work_since(rows, rows.rates[2], after, x)
+    work, total = free_work(rows, after, x)
     return work > CREATED * total
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from impactlaw.solvers.cones import BILATERAL
 from impactlaw.solvers.cones.algebra.loops import clear, copied, kernel, numbers, plain, put
-from impactlaw.stepping.time_stepping.problem.energy import CREATED, contact_work, creates, row_velocities
+from impactlaw.stepping.time_stepping.problem.energy import CREATED, contact_work, creates, free_work, row_velocities
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import (
     UNSOLVED,
@@ -124,6 +124,17 @@ def _is_other(rows, found, allowed):
 
 
 @plain
+def _work_of_forces(rows, found):
+    """Return by how much the energy that contacts create depends on whether forces act before or after them, J.
+
+    The second result is the smaller one of these energies.
+    """
+    since, _ = contact_work(rows, found.after, found.x)
+    beyond, _ = free_work(rows, found.after, found.x)
+    return abs(since - beyond), min(since, beyond)
+
+
+@plain
 def _judged(rows, found, residual, left):
     """Return the residual of the natural map, whether impulses fail, and whether bodies jam."""
     failed = _fails(rows, found, residual)
@@ -166,8 +177,9 @@ def judge(rows, aims, method, found):
 def scale_down(rows, aims, dissipative, reserve, method, whole, found):
     """Scale all restitution so that collisions create no energy, or remove it if bodies jam.
 
-    Contacts with friction can have several solutions. If the last one creates energy, though that of the search with
-    the same share does not, the share is halved until none is created.
+    Contacts with friction can have several solutions. If that of the collision alone creates no energy, but that with
+    forces more than the forces explain, or if the last solution creates energy, though that of the search with the same
+    share does not, the share is halved until none is created.
 
     Args:
         rows: see `rows.Rows`.
@@ -187,7 +199,10 @@ def scale_down(rows, aims, dissipative, reserve, method, whole, found):
         work, total = contact_work(rows, found.after, found.x)
         if work > CREATED * total:
             few = with_rounds(method, min(rounds, _FEW))
+            forces, gained = _work_of_forces(rows, found)
             s, created, allowed = largest_share(rows, aims, found.x, dissipative, few)
+            if created <= 0.0 and gained - forces > _OTHER * total:
+                s, created, allowed = 0.5 if dissipative else 1.0, gained, forces
     while s < 1.0 or (jammed and some):
         if jammed:
             s, method.left[0], rounds = 0.0, max(method.left[0], reserve), max(rounds, _SAFE)
