@@ -199,7 +199,7 @@ def _go_on(
 
     Return steps taken, the natural map of that point, and whether to end here, with a solution or without hope of one.
     """
-    n, total = len(x), 0
+    n, total, dry = len(x), 0, _has_boxes(P)
     inside, point = numbers(n), numbers(n)
     for k in range(len(_BEGINS)):
         taken = 0
@@ -210,8 +210,10 @@ def _go_on(
         if _FROM_BEST <= _BEGINS[k] <= _FROM_REST:
             taken += interior(P, K, inside, scale, _HANDED_ON * tolerance, _INTERIOR)
         put(point, inside)
-        kind = _MAPS[k] if P.exact else CONVEX
-        more, r = newton(P, K, G, point, tolerance, _MOST[k], kind, 1.0, delta, _EASES[k] / scale, _PATIENCE)
+        kind, ease = _MAPS[k] if P.exact else CONVEX, _EASES[k]
+        if dry and _FROM_BEST <= _BEGINS[k] <= _FROM_REST:
+            kind, ease = ALART_CURNIER if P.exact else CONVEX, 0.0
+        more, r = newton(P, K, G, point, tolerance, _MOST[k], kind, 1.0, delta, ease / scale, _PATIENCE)
         spend(left, (taken + more) * step, step, n)
         total += taken + more
         if r < least:
