@@ -310,10 +310,10 @@ class ContactProblem:
 
     def _record(self, step: Start, met: _Phase, before: np.ndarray, after: np.ndarray) -> CollisionRecord:
         """Return a record of a collision."""
-        answer, pushed = met.answer, met.answer.impulse[met.rows.first] > 0.0
+        answer = met.answer
         seen = met.seen or self._see(step, met.rows)
         by_islands = self._on_inadmissible != "allow" and not met.together
         return CollisionRecord(
-            seen, met.collides, pushed, step.data.time - 0.5 * self._model.opt.timestep, step.middle, before,
+            seen, met.collides, answer.impulse, step.data.time - 0.5 * self._model.opt.timestep, step.middle, before,
             after.copy(), answer.reached, answer.sliding, self._exact, answer.share, by_islands,
         )  # fmt: skip

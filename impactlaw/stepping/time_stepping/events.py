@@ -41,7 +41,7 @@ class CollisionRecord:
 
     seen: ContactSnapshot  # contacts, rows and inertia in the middle of the step
     collides: np.ndarray  # groups that collide, bool (g,)
-    pushed: np.ndarray  # groups with an impulse, bool (g,)
+    impulse: np.ndarray  # impulses of the step, in units of the problem, (n,)
     time: float  # in the middle of the step, s
     qpos: np.ndarray  # configuration in the middle of the step, (nq,)
     velocity: np.ndarray  # v-, (nv,)
@@ -57,7 +57,8 @@ class CollisionRecord:
     @cached_property
     def event(self) -> ImpactEvent:
         """The collision as an event."""
-        groups = in_order(self.seen.rows, self.seen.reached(self.collides, self.pushed))
+        pushed = self.impulse[self.seen.rows.first] > 0.0
+        groups = in_order(self.seen.rows, self.seen.reached(self.collides, pushed))
         contacts = self.seen.contacts(groups)
         impact = self._resolve(groups, contacts.labels)
         projected = self.share < 1.0 or impact.target_contact_velocity is None
@@ -108,9 +109,11 @@ class CollisionRecord:
             if kept * self.share < 1.0:  # scaled restitution: not the outcome of the law itself
                 return replace(impact, target_contact_velocity=None), True
             return impact, True
-        targets = target, kept * self.sliding[self.seen.tangential(groups)[0]]
+        tangential = self.seen.tangential(groups)[0]
+        targets = target, kept * self.sliding[tangential]
         problem = cone_problem(collision, *targets, exact=self.exact)
-        answer = _find_impulses(problem)
+        guess = np.append(self.impulse[self.seen.rows.first[groups]], self.impulse[tangential])
+        answer = _find_impulses(problem, guess[collision.cone_rows.order])
         solved = answer.status is Status.SOLVED
         if not solved:  # the step went to the nearest point
             with suppress(SolverError):
@@ -125,12 +128,12 @@ def events_of(records: tuple[CollisionRecord, ...]) -> tuple[ImpactEvent, ...]:
     return tuple(record.event for record in records)
 
 
-def _find_impulses(problem: ConeProblem) -> ConeAnswer:
+def _find_impulses(problem: ConeProblem, guess: np.ndarray) -> ConeAnswer:
     """Solve the problem of a collision with friction; a thorough search takes minutes where dozens of bodies jam."""
     start, step = cost(problem.start.size, problem.rows.shape[1])
     most = max(0.0, (_WORK - start) / step)
     rounds = max(1, min(THOROUGH, int(most / STEPS_OF_A_ROUND)))
-    answer = solve_cones(problem, rounds=rounds, most=most)
+    answer = solve_cones(problem, guess, rounds=rounds, most=most)
     if answer.status is Status.SOLVED or not problem.exact or rounds > BRIEF:
         return answer
     relaxed = solve_cones(problem.relaxed, rounds=rounds, most=most)

@@ -91,14 +91,14 @@ FOLDED_LEG = """<mujoco><option timestep=".002" gravity="0 0 0"/><worldbody>
 
 @pytest.mark.parametrize("code", ["never", "auto"])
 @pytest.mark.parametrize(
-    ("hip", "angle", "speed"),
+    ("hip", "angle", "speed", "scaled"),
     [
-        ("sphere", (0.07, 3.12, -2.78), (8.0, -34.0)),
-        ("ellipsoid", (0.01, 3.37, -2.79), (3.0, -41.0)),
-        ("ellipsoid", (-0.13, 3.1, -2.8), (-2.0, -31.0)),
+        ("sphere", (0.07, 3.12, -2.78), (8.0, -34.0), True),
+        ("ellipsoid", (0.01, 3.37, -2.79), (3.0, -41.0), True),
+        ("ellipsoid", (-0.13, 3.1, -2.8), (-2.0, -31.0), False),
     ],
 )
-def test_a_collision_with_several_solutions_creates_no_energy(hip, angle, speed, code):
+def test_a_collision_with_several_solutions_creates_no_energy(hip, angle, speed, scaled, code):
     """The calf of a leg folds against its hip and its limit: one solution loses energy, another one gains it."""
     model = mujoco.MjModel.from_xml_string(FOLDED_LEG.format(hip))
     model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
@@ -111,4 +111,19 @@ def test_a_collision_with_several_solutions_creates_no_energy(hip, angle, speed,
     mujoco.mj_forward(model, data)
     assert stepper.sums.collisions > 0
     assert data.energy.sum() < 1.01 * before
-    assert stepper.sums.inadmissible > 0
+    assert (stepper.sums.inadmissible > 0) == scaled
+
+
+@pytest.mark.parametrize(
+    ("angle", "speed"), [((0.04, 3.57, -2.82), (12.0, -44.0)), ((-0.28, 3.59, -2.81), (-4.0, -31.0))]
+)
+def test_an_event_tells_which_of_several_solutions_the_step_took(angle, speed):
+    """Regression: by itself the event found another solution, or the one with E = 0, and told .8 of the speed wrong."""
+    model = mujoco.MjModel.from_xml_string(FOLDED_LEG.format("sphere"))
+    data = mujoco.MjData(model)
+    data.qpos[7:], data.qvel[7:] = angle, speed
+    stepper = Stepper(model, Moreau(0.8), scheme="time-stepping")
+    stepper.step(data)
+    (event,) = stepper.events
+    assert event.impact.restitution_scale > 0.0
+    np.testing.assert_allclose(event.impact.post_velocity, data.qvel, atol=0.01 * abs(speed[1]))
