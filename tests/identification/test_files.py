@@ -136,7 +136,7 @@ def test_the_law_is_json(tmp_path, monkeypatch, capsys):
 
 
 def test_the_best_family_is_the_law_that_made_it(tmp_path):
-    found = study(table(tmp_path / "data.csv", chain_rows(20)))
+    found = study(table(tmp_path / "data.csv", chain_rows(10)))
     assert found.best.family == "newton"
     assert found.audit.admissible == 1.0
     with pytest.raises(MeasurementError):
