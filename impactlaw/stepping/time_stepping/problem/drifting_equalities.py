@@ -89,6 +89,14 @@ def _is_calm(rows, row, kind, speed, longest):
     return kind != 0 and own <= CALM * longest * np.sqrt(square_of(rows, row))
 
 
+@plain
+def _has_constraints(groups):
+    some = False
+    for kind in groups[2]:
+        some = some or kind == BILATERAL
+    return some
+
+
 @kernel
 def hold_constraints(rows, collides, kinds, tree):
     """Make equality constraints keep their velocity in a collision, unless they drift too fast.
@@ -106,6 +114,8 @@ def hold_constraints(rows, collides, kinds, tree):
         tree: tree of each degree of freedom, (nv,).
     """
     rates, many = rows.rates, rows.groups.shape[1]
+    if not _has_constraints(rows.groups):
+        return
     label, given = indices(many), cleared(many)
     count = find_islands(rows, tree, label)
     fastest = zeros(2 * count).reshape((2, count))

@@ -21,6 +21,8 @@ from impactlaw.stepping.time_stepping.problem.tiny_gaps import close_tiny_gaps
 NEAR = 1e-5
 """Gap, m or rad, up to which a contact takes part at any velocity."""
 
+_FEW = 4000
+"""Number of entries up to which they are not counted to find how much memory they need."""
 _EQUALITY, _LOSS, _LIMIT, _ELLIPTIC = 0, (1, 2), (3, 4), 7  # mjtConstraint
 
 
@@ -186,8 +188,10 @@ def count_groups(kinds, number, dim, friction, near, frictional):
 
 @plain
 def entries_of(jacobian, trees, mark):
-    """Return the largest number of entries of all rows after whitening; ``mark`` is False for each tree."""
+    """Return a bound on the number of entries of all rows after whitening; ``mark`` is False for each tree."""
     entries, (nnz, adr, col, J), (tree, _, many) = 0, jacobian, trees
+    if len(nnz) * len(tree) <= _FEW:
+        return len(nnz) * len(tree)
     for row in range(len(nnz)):
         for k in range(adr[row], adr[row] + nnz[row]):
             t = tree[col[k]]

@@ -10,7 +10,6 @@ from impactlaw.stepping.compiled.access import (
     data_floats,
     model_floats,
     model_ints,
-    number,
     offset,
     size,
     velocity_of,
@@ -19,7 +18,7 @@ from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of,
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import move_bodies
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import middle_velocities
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
-from impactlaw.stepping.time_stepping.problem.detection.fast_bodies import leave_fast, take_back
+from impactlaw.stepping.time_stepping.problem.detection.fast_bodies import leave_fast, some_can_pass, take_back
 from impactlaw.stepping.time_stepping.problem.detection.floor_edges import leave_edges
 from impactlaw.stepping.time_stepping.problem.detection.passed_edges import pass_over
 
@@ -48,10 +47,14 @@ def _carriers(w):
 
 
 @plain
+def may_pass(w, chosen):
+    """Return whether any contact can be doubted at all; none with a plane can."""
+    return some_can_pass(_contacts(w), model_ints(w, MODEL.geom_type, size(w, MODEL.ngeom)), chosen)
+
+
+@plain
 def doubt_fast(w, start, chosen, doubtful):
     """Leave contacts of bodies out that are fast at the start of the step and may miss, see `leave_fast`."""
-    if number(w, DATA.ncon) == 0:
-        return False
     if setting(w, SETTING.inertial) != 0.0:
         move_bodies(w, start)  # inertial forces have left velocities of bodies at another velocity
     nbody, extent = size(w, MODEL.nbody), model_floats(w, MODEL.geom_aabb, (size(w, MODEL.ngeom), 6))

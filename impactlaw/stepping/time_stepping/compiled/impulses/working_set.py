@@ -20,6 +20,7 @@ from impactlaw.stepping.time_stepping.compiled.impulses.passed_edges import (
     doubt_edges,
     doubt_fast,
     look_ahead,
+    may_pass,
     stop_doubting,
 )
 from impactlaw.stepping.time_stepping.compiled.limits import passes_limit
@@ -87,12 +88,13 @@ def find_impulses(
     still, unseen, begun = free[:0], False, floats(w.work, 1)[0]
     put(free, qvel)
     near(w, jacobian, start, free, 2.0 * h, chosen)
-    doubts = doubt_fast(w, start, chosen, doubtful)
+    passes = may_pass(w, chosen)
+    doubts = passes and doubt_fast(w, start, chosen, doubtful)
     if doubts:
         near(w, jacobian, free, free, h, seen)
         look_ahead(w, jacobian, middle, chosen, seen, doubtful)
         stop_doubting(w, chosen, seen, doubtful)
-    doubts = doubt_edges(w, chosen, doubtful) or doubts
+    doubts = (passes and doubt_edges(w, chosen, doubtful)) or doubts
     found = attempt(
         w, jacobian, chosen, start, still, free, known, rounds, law, phases, mark, room, floats(room.sums, SUMS)
     )  # fmt: skip

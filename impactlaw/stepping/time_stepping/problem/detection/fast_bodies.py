@@ -76,6 +76,22 @@ def _is_fast(pair, gap, point, frame, geometry, motion, carriers):
     return timestep * timestep * (square - along * along) > way * way
 
 
+@plain
+def _is_left(k, contacts, shape, chosen):
+    """Return whether a contact is left out if bodies are fast."""
+    gap, _, _, geom, address = contacts
+    return gap[k] > TOUCHING and address[k] >= 0 and chosen[address[k]] and can_pass(geom[k], shape)
+
+
+@plain
+def some_can_pass(contacts, shape, chosen):
+    """Return whether `leave_fast` leaves any contact out if bodies are fast; for the arguments see there."""
+    some = False
+    for k in range(len(contacts[0])):
+        some = some or _is_left(k, contacts, shape, chosen)
+    return some
+
+
 @kernel
 def leave_fast(contacts, geometry, motion, carriers, chosen, doubtful):
     """Leave contacts out of bodies that move fast along each other and may miss; return whether there are any.
@@ -91,8 +107,8 @@ def leave_fast(contacts, geometry, motion, carriers, chosen, doubtful):
     """
     some, (gap, point, frame, geom, address) = False, contacts
     for k in range(len(gap)):
-        takes_part = gap[k] > TOUCHING and address[k] >= 0 and chosen[address[k]] and can_pass(geom[k], geometry[0])
-        if takes_part and _is_fast(geom[k], gap[k], point[k], frame[k], geometry, motion, carriers):
+        left = _is_left(k, contacts, geometry[0], chosen)
+        if left and _is_fast(geom[k], gap[k], point[k], frame[k], geometry, motion, carriers):
             doubtful[k], chosen[address[k]], some = True, False, True
     return some
 

@@ -119,10 +119,10 @@ def solve_undriven(rows, aims, bound, dissipative, together, method, found, turn
     """
     n, rates, some = len(found.x), rows.rates, any_of(bound)
     held, soft, aimed = room[:n], room[n : 2 * n], room[2 * n : 3 * n]
-    put(held, rates[3])
-    put(soft, rates[4])
-    put(aimed, aims.sliding)
     if some:
+        put(held, rates[3])
+        put(soft, rates[4])
+        put(aimed, aims.sliding)
         _stop(rows, aims, bound, method, turned, found)
     while True:
         result = solve_contacts(rows, aims, dissipative, together, method, found)
@@ -131,6 +131,7 @@ def solve_undriven(rows, aims, bound, dissipative, together, method, found, turn
         if not _turn(rows, aims.collides, bound, method.tree, turned, found):
             break
         put(aims.sliding, aimed)
-    put(rates[3], held)
-    put(rates[4], soft)
+    if some:
+        put(rates[3], held)
+        put(rates[4], soft)
     return result
