@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import mujoco
@@ -24,6 +25,7 @@ class Cylinders(NamedTuple):
     is_cylinder: np.ndarray  # bool (ngeom,)
     is_long: np.ndarray  # whether a geom is a cylinder or a capsule, bool (ngeom,)
     is_straight: np.ndarray  # the same, or a box
+    corrected: frozenset[int]  # cylinders and capsules that can lie on faces, or touch along a line
     on_faces: bool  # whether these can lie on the faces of boxes, meshes or height fields
     beside: bool  # whether any of these can touch along a line
 
@@ -36,22 +38,29 @@ def cylinders_of(model: mujoco.MjModel) -> Cylinders | None:
     if not beside and len(cylinders) == 0:
         return None
     on_faces = len(cylinders) > 0 and bool(np.isin(kind, [_BOX, *_PIECES]).any())
-    return Cylinders(planes, cylinders, is_cylinder, is_long, is_long | (kind == _BOX), on_faces, beside)
+    corrected = frozenset(np.flatnonzero(is_long).tolist() if on_faces or beside else ())
+    return Cylinders(planes, cylinders, is_cylinder, is_long, is_long | (kind == _BOX), corrected, on_faces, beside)
 
 
-def collide(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders | None = None) -> None:
+def collide(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders | None, *, stands: bool) -> None:
     """Run MuJoCo's collision detection at the current frames (`update_positions`); replaces data.contact.
 
-    With the result of `cylinders_of`, the contacts of cylinders on planes, boxes, meshes and each other are corrected.
+    The contacts of cylinders on planes, boxes, meshes and each other are corrected.
+
+    Args:
+        model: the scene.
+        data: its state.
+        cylinders: the result of `cylinders_of`.
+        stands: the result of `can_stand`.
     """
     if cylinders is None:
         _find_contacts(model, data)
         return
-    if _can_stand(model, cylinders):
+    if stands:
         _find_standing(model, data, cylinders)
     else:
         _find_contacts(model, data)
-    if data.ncon == 0 or not (cylinders.on_faces or cylinders.beside):
+    if data.ncon == 0 or cylinders.corrected.isdisjoint(data.contact.geom.ravel().tolist()):
         return
     geoms = data.contact.geom
     # imports of compiled code, which reading other scenes should not load
@@ -90,16 +99,14 @@ def _find_standing(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylind
 def _add(model: mujoco.MjModel, data: mujoco.MjData, ends: np.ndarray) -> None:
     """Add contacts at further ends of lines; see `side_by_side.find_ends`."""
     for k in np.flatnonzero(np.isfinite(ends[:-1, 0])):
-        full = data.warning.number[_FULL]
-        mujoco.mj_addContact(model, data, data.contact[k])
-        _check_room(data, full)
+        _with_room(model, data, mujoco.mj_addContact, data.contact[k])
         added = data.contact[data.ncon - 1]
         added.dist, added.pos, added.frame = ends[k, 0], ends[k, 1:4], ends[k, 4:]
 
 
-def _can_stand(model: mujoco.MjModel, geoms: Cylinders) -> bool:
+def can_stand(model: mujoco.MjModel, geoms: Cylinders | None) -> bool:
     """Return whether cylinders can stand on planes now; those of pictures have no contacts."""
-    if len(geoms.cylinders) == 0 or len(geoms.planes) == 0:
+    if geoms is None or len(geoms.cylinders) == 0 or len(geoms.planes) == 0:
         return False
     masks = model.geom_contype | model.geom_conaffinity
     some = np.count_nonzero(masks[geoms.planes]) and np.count_nonzero(masks[geoms.cylinders])
@@ -107,14 +114,15 @@ def _can_stand(model: mujoco.MjModel, geoms: Cylinders) -> bool:
 
 
 def _find_contacts(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    full = data.warning.number[_FULL]
-    mujoco.mj_collision(model, data)
-    _check_room(data, full)
+    _with_room(model, data, mujoco.mj_collision)
 
 
-def _check_room(data: mujoco.MjData, full: int) -> None:
-    """Raise `SceneError` if MuJoCo has had no room for contacts since it counted this number of warnings."""
-    if data.warning.number[_FULL] != full:
+def _with_room(model: mujoco.MjModel, data: mujoco.MjData, add: Callable[..., object], *what: object) -> None:
+    """Let MuJoCo add contacts; raise `SceneError` if it has no room for them, which it counts as a warning."""
+    warnings = data.warning.number
+    full = warnings[_FULL]
+    add(model, data, *what)
+    if warnings[_FULL] != full:
         raise SceneError(
             f'MuJoCo has no room for more than {data.ncon} contacts; give the scene a larger <size memory="..."/>'
         )

@@ -86,7 +86,13 @@ class Detector:
         self._bilateral = bilateral_constraints(model)
         self._has_bilateral = bool(self._bilateral.any())
         self._has_limits, self._limits_of_rows = bool(self.limits), self.limits.of_rows
-        self.options = BorrowedOptions(model, convex=convex, limits=self._limits_of_rows, bilateral=self._has_bilateral)
+        self.options = BorrowedOptions(
+            model,
+            convex=convex,
+            limits=self._limits_of_rows,
+            bilateral=self._has_bilateral,
+            cylinders=self._cylinders,
+        )
         alone = not (self._has_limits or self._has_bilateral)
         self.patterns = Patterns(model, self.names, self.limits.labels, faces=faces, friction=friction, alone=alone)
         nothing = np.zeros((0, 2), int)
@@ -196,7 +202,7 @@ class Detector:
         return gaps[0] <= min(distances) and max(distances) <= gaps[1]
 
     def _collide(self, data: mujoco.MjData) -> None:
-        collide(self._model, data, self._cylinders)
+        collide(self._model, data, self._cylinders, stands=self.options.stands)
 
     def _read(self, data: mujoco.MjData) -> tuple[Pattern, Contacts]:
         found = data.contact

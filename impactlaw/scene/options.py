@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import mujoco
 
+from impactlaw.scene.collide import Cylinders, can_stand
 from impactlaw.scene.joint_limits import slack_ropes
 from impactlaw.scene.tolerances import CCD_TOLERANCE, NEVER
 
@@ -28,6 +29,7 @@ class BorrowedOptions:
         convex: whether MuJoCo's general convex collider measures pairs of geoms; its tolerance is then tightened.
         limits: whether near limits of joints and tendons are to be read from constraint rows.
         bilateral: whether equality constraints take part in collisions.
+        cylinders: the cylinders of the scene whose contacts are to be corrected.
 
     Attributes:
         timestep: the user's time step, s.
@@ -35,10 +37,13 @@ class BorrowedOptions:
         enabled: the user's enable flags.
         several: whether the user lets MuJoCo look for several contacts between faces.
         limited: whether the user has limits on. (If contacts are off, detection reports none.)
+        stands: whether cylinders can stand on planes.
     """
 
-    def __init__(self, model: mujoco.MjModel, *, convex: bool, limits: bool, bilateral: bool = False):
-        self._model = model
+    def __init__(
+        self, model: mujoco.MjModel, *, convex: bool, limits: bool, bilateral: bool, cylinders: Cylinders | None
+    ):
+        self._model, self._cylinders = model, cylinders
         self._convex = convex
         self._limits = limits
         self._bilateral = bilateral
@@ -51,6 +56,7 @@ class BorrowedOptions:
         self._kept = disabled, enabled, opt.o_margin
         self.several = not disabled & _SINGLE
         self.limited = not disabled & (_LIMIT | _CONSTRAINT)
+        self.stands = can_stand(self._model, self._cylinders)
         self._jacobian = opt.jacobian
         self._sparse = self._large if self._jacobian == _AUTO else self._jacobian != _DENSE
         self._smooth = disabled | _SMOOTH_OFF | _LIMIT, enabled & ~_SLEEP
