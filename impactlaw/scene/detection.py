@@ -145,15 +145,13 @@ class Detector:
 
     def find(self, data: mujoco.MjData, within: float) -> tuple[Pattern, Contacts]:
         """Return all contacts between geoms with a gap below ``within``, m, and perhaps some more; see `near`."""
-        self.options.look(within + SKIN)
-        self._collide(data)
+        self._collide(data, within)
         if data.ncon == 0:
             return self.empty
         pattern, contacts = self._read(data)
         if pattern.several and self.options.several:
             nearest = contacts.select(several_contacts(self._model, pattern.geoms))
-            self.options.look_for_several()
-            self._collide(data)
+            self._collide(data, within, several=True)
             pattern, several = self._read(data)
             contacts = _complete(several, nearest)
             if len(contacts) > len(several):
@@ -164,18 +162,14 @@ class Detector:
 
     def refresh(self, data: mujoco.MjData, within: float, pattern: Pattern) -> None:
         """Fill data.contact as `find` does for a known pattern, without reading the contacts."""
-        self.options.look(within + SKIN)
-        if pattern.several and self.options.several:
-            self.options.look_for_several()
-        self._collide(data)
+        self._collide(data, within, several=pattern.several and self.options.several)
 
     def distances(self, data: mujoco.MjData, within: float) -> Distances | None:
         """Return the distances between geoms that are below ``within``, m, and perhaps more; None if there are none.
 
         Replaces data.contact.
         """
-        self.options.look(within + SKIN)
-        self._collide(data)
+        self._collide(data, within)
         return Distances.of(data)
 
     def is_at_limit(self, data: mujoco.MjData, within: float) -> bool:
@@ -193,15 +187,15 @@ class Detector:
             pattern: the contacts to compare with; must be plain.
             gaps: the smallest and the largest gap that count as closed, m.
         """
-        self.options.look(within + SKIN)
-        self._collide(data)
+        self._collide(data, within)
         contact = data.contact
         if contact.geom.tobytes() != pattern.found:
             return False
         distances = contact.dist.tolist()
         return gaps[0] <= min(distances) and max(distances) <= gaps[1]
 
-    def _collide(self, data: mujoco.MjData) -> None:
+    def _collide(self, data: mujoco.MjData, within: float, *, several: bool = False) -> None:
+        self.options.look(within + SKIN, several=several)
         collide(self._model, data, self._cylinders, stands=self.options.stands)
 
     def _read(self, data: mujoco.MjData) -> tuple[Pattern, Contacts]:

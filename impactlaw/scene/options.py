@@ -95,21 +95,21 @@ class BorrowedOptions:
         if self._sparse:
             opt.jacobian = self._jacobian
 
-    def look(self, within: float) -> None:
+    def look(self, within: float, *, several: bool = False) -> None:
         """Set the options for detection of the nearest contact of every pair of geoms closer than ``within`` m.
+
+        With ``several``, all contacts between faces are detected.
 
         The margins of the scene do not matter. Constraint rows made with these options are dense, and are those of
         equality constraints, limits and contacts only.
         """
         opt = self._opt
         opt.disableflags, opt.enableflags = self._look
+        if several:
+            opt.disableflags &= ~_SINGLE
         opt.o_margin = within
         if self._sparse:
             opt.jacobian = _DENSE
         if self._limits:
             self._model.jnt_margin[:] = within
             self._model.tendon_margin[:] = within
-
-    def look_for_several(self) -> None:
-        """Let collision detection report several contacts between faces."""
-        self._opt.disableflags &= ~_SINGLE

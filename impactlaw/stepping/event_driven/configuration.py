@@ -14,6 +14,8 @@ from impactlaw.scene.contacts import mass_matrix, update_positions
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.stepping.integration import implicit_inertia, locked_joints, restore_state, save_state
 
+_RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
+
 
 class Configuration:
     """The model and data of a scene, and the effect of impulses at its configuration.
@@ -49,6 +51,11 @@ class Configuration:
         self._current = self._factored = False
         self._phase = self._known = self._stiffness = None
 
+    @property
+    def is_rk4(self) -> bool:
+        """Whether the integrator is RK4; the others are semi-implicit."""
+        return self.model.opt.integrator == _RK4
+
     def comply(self, stiffness: np.ndarray | None) -> None:
         """Replace M by ``M + J_eq^T D J_eq``: equality constraints respond to contact and give way, as MuJoCo's do.
 
@@ -66,7 +73,11 @@ class Configuration:
         Contact that is held during the phase acts within that integration. With M alone it would throw joints whose
         ``tau D`` is larger than M, and the forces that the next phase feels would not settle.
         """
-        self._phase, self._factored = (duration, self.data.M.copy()), False
+        self._factored = False
+        if self.is_rk4:
+            self._known = self._damping = self._phase = None
+        else:
+            self._phase = duration, self.data.M.copy()
 
     def _find_added(self) -> None:
         """Find what implicit damping adds to M, from what the phase left in data, before the next phase."""

@@ -36,7 +36,6 @@ from impactlaw.stepping.work import Work
 _LOCATED = 1e-2  # part of the gap tolerance to which the closing of a gap is located
 _NEAR = 1e3  # distance within which contacts are looked for, in gap tolerances
 _THROWN = 2.0  # growth of the velocity in a phase, in the kinetic metric, that is due to the force that was felt
-_RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 
 class SmoothPhases:
@@ -221,8 +220,7 @@ class SmoothPhases:
             if held.gap >= -self.tolerance:
                 return held, False
         shortest = tried.duration * self.tolerance / max(*travel.tolist(), -trial.gap, self.tolerance)
-        exact = self._model.opt.integrator == _RK4
-        gap_functions = GapFunctions(start.gap, start.contact_velocity, exact=exact)
+        gap_functions = GapFunctions(start.gap, start.contact_velocity, exact=self.configuration.is_rk4)
         gap_functions.add(trial.duration, trial.observations)
         located = locate(
             again, trial, gap_functions, target=_LOCATED * self.tolerance, tolerance=self.tolerance, shortest=shortest

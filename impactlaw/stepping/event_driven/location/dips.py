@@ -12,7 +12,6 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 
 from impactlaw.scene.detection import Detector, Distances
@@ -31,7 +30,6 @@ _INNER = 0.02  # distance of a trial step from the ends of its bracket, as a par
 _WIDE = 1e-2  # part of the scene's size above which the crude bound on motion is too wide for a look at contacts
 _WIDE_FOR_FEW = 5e-2  # the same if so few pairs of geoms can meet that hardly more of them are found
 _FEW = 20  # number of such pairs
-_RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 
 class _Node(NamedTuple):
@@ -253,7 +251,7 @@ class Dips:
         The semi-implicit integrators move with the velocity of the end, so that ``q(T) = q(0) + T v(T)``.
         """
         rate = found.contact_velocity(self._configuration.data.qvel)
-        if self._configuration.model.opt.integrator == _RK4:
+        if self._configuration.is_rk4:
             return rate
         return 2.0 * rate - found.contact_velocity(before)
 

@@ -67,7 +67,7 @@ def hold_with_friction(
     free = constrained_velocity(phase_end.now, phase) - felt.velocity
     impulses = _solve(phase_end, phase, free, None)
     table, change = impulses.table, configuration.jump(impulses.rows.jacobian, impulses.each)
-    shift = (moving_part(configuration.model) * phase.duration) * change - felt.shift
+    shift = (moving_part(configuration) * phase.duration) * change - felt.shift
     if np.count_nonzero(shift):
         reach = phase_end.now.contact_set.opening(shift + felt.shift)
         far = phase.duration * (configuration.kinetic_norm(free) + configuration.kinetic_norm(change))

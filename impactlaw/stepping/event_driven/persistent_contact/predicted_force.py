@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 
 from impactlaw.stepping.event_driven.configuration import Configuration
@@ -21,7 +20,6 @@ from impactlaw.stepping.event_driven.contact_set import ContactSet
 from impactlaw.stepping.event_driven.contact_state import ContactState, Phase
 
 _LARGEST_TURN = 0.3  # largest turn of a row in one phase, rad
-_RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 
 class PredictedForce(NamedTuple):
@@ -39,7 +37,7 @@ class PredictedForce(NamedTuple):
             return cls(nothing, nothing, nothing)
         impulse = duration * force
         velocity = configuration.velocity(impulse)
-        return cls(impulse, velocity, moving_part(configuration.model) * duration * velocity)
+        return cls(impulse, velocity, moving_part(configuration) * duration * velocity)
 
     def is_settled(self, impulse: np.ndarray, velocity: np.ndarray) -> bool:
         """Return whether the remainder was smaller than the effect of contact, in the kinetic metric.
@@ -67,9 +65,9 @@ def turned_rows(contact_set: ContactSet, difference: np.ndarray, rows: np.ndarra
     return difference if np.count_nonzero(change > 1e-24 * length) else None
 
 
-def moving_part(model: mujoco.MjModel) -> float:
+def moving_part(configuration: Configuration) -> float:
     """Return the part of ``tau M^-1 Lambda`` by which forces that are constant over a phase move the bodies."""
-    return 0.5 if model.opt.integrator == _RK4 else 1.0
+    return 0.5 if configuration.is_rk4 else 1.0
 
 
 def constrained_velocity(now: ContactState, phase: Phase) -> np.ndarray:
@@ -81,7 +79,7 @@ def constrained_velocity(now: ContactState, phase: Phase) -> np.ndarray:
     acceleration with which the forces were found.
     """
     velocity, configuration = now.velocity, now.configuration
-    if now.contact_set.bilateral is None or configuration.model.opt.integrator == _RK4:
+    if now.contact_set.bilateral is None or configuration.is_rk4:
         return velocity
     wanted = phase.start.velocity + phase.duration * configuration.data.qacc
     return velocity + now.contact_set.along_constraints(wanted - velocity)
