@@ -179,7 +179,7 @@ class Surfaces:
 
     def end(self, data: mujoco.MjData) -> None:
         """End the step now, with its target poses."""
-        self.aim(data)
+        self._put(data)
         self.end_there(data)
 
     def end_there(self, data: mujoco.MjData) -> None:
@@ -188,6 +188,10 @@ class Surfaces:
 
     def aim(self, data: mujoco.MjData) -> None:
         """Put the bodies in their poses at the end of the step, where MuJoCo has them during the whole step."""
+        if not self.still:  # else they are there
+            self._put(data)
+
+    def _put(self, data: mujoco.MjData) -> None:
         data.mocap_pos[:], data.mocap_quat[:] = self._target[:, :3], self._target[:, 3:]
 
     def place(self, data: mujoco.MjData) -> None:
@@ -196,7 +200,7 @@ class Surfaces:
             return
         s = (data.time - self._time) / self._duration
         if s >= 1.0 - 1e-9:
-            self.aim(data)
+            self._put(data)
             return
         first, last, mean = s * (1 - s) ** 2, s * s * (s - 1), s * s * (3 - 2 * s)
         moved = self._duration * (first * self._first + last * self._last + mean * self._mean)

@@ -82,6 +82,13 @@ class ContactSet:
         return float(np.abs(self.jacobian.dot(shift)).max(initial=0.0))
 
     @cached_property
+    def seen(self) -> np.ndarray:
+        """The contact points, each seen from its two geoms, m, (h, 2, 3)."""
+        geoms, (place, turn) = self.contacts.geoms, self.frames
+        away = self.contacts.position[:, None] - place[geoms]
+        return (away[:, :, None] @ turn[geoms].reshape(-1, 2, 3, 3))[:, :, 0]
+
+    @cached_property
     def tangents(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Gradients of friction, (k, nv), and their velocities due to moving surfaces, (k,); None without friction."""
         if self.pattern.friction is None:

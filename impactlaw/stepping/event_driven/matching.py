@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 
-from impactlaw.scene.contacts import Contacts, gap_gradients
+from impactlaw.scene.contacts import gap_gradients
 from impactlaw.stepping.event_driven.contact_set import ContactSet
 from impactlaw.stepping.event_driven.contact_state import ContactState, Phase, PhaseEnd
-from impactlaw.stepping.event_driven.location.travel import Frames
 
 _SAME_POINT = 1e3  # distance that a contact point may move beyond the motion of the geoms, in gap tolerances
 _SMOOTH = 0.1  # largest deviation of a smooth gap from a quarter of its bend halfway, relative to the bend
@@ -126,8 +124,11 @@ def _match_points(contact_set: ContactSet, phase: Phase) -> np.ndarray:
     model, data = contact_set.configuration.model, contact_set.configuration.data
     index = np.full(len(contacts), -1)
     other = pattern.key[:, None] != start.pattern.key
-    moved = np.where(other, np.inf, _moved(contacts, start.contacts, start.frames, data))
-    nearest, least = moved.argmin(axis=1), moved.min(axis=1)
+    away = contact_set.seen[:, None] - start.contact_set.seen
+    squares = np.vecdot(away, away)  # the distance counts as seen from the geom for which it is smaller
+    moved = np.where(other, np.inf, np.sqrt(np.minimum(squares[..., 0], squares[..., 1])))
+    nearest = moved.argmin(axis=1)
+    least = moved[np.arange(len(nearest)), nearest]
     travel = phase.travel.between(start.frames, data)
     near = least <= 2.0 * travel[contacts.geoms].sum(axis=1) + _SAME_POINT * phase.tolerance
     near |= np.isfinite(least) & pattern.single
@@ -174,16 +175,3 @@ def runs_on(half: PhaseEnd, end: PhaseEnd, phase: Phase, deepest: int) -> bool:
     start = phase.start.contacts.position[half.known[held[0]]]
     middle, now = half.now.contacts.position[held[0]], end.now.contacts.position[deepest]
     return bool(np.linalg.norm(now - middle) <= 2.0 * np.linalg.norm(middle - start))
-
-
-def _moved(contacts: Contacts, before: Contacts, frames: Frames, data: mujoco.MjData) -> np.ndarray:
-    """Return distances between current and earlier contact points, seen from the geom for which they are smaller."""
-    now = _seen(contacts, data.geom_xpos, data.geom_xmat)
-    away = now[:, None] - _seen(before, frames.position, frames.rotation)
-    return np.sqrt(np.vecdot(away, away)).min(axis=2)
-
-
-def _seen(contacts: Contacts, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """Return the contact points, each seen from its two geoms, (h, 2, 3)."""
-    away = contacts.position[:, None] - position[contacts.geoms]
-    return np.einsum("hgij,hgi->hgj", rotation[contacts.geoms].reshape(-1, 2, 3, 3), away)

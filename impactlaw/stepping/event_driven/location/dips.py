@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
+import mujoco
 import numpy as np
 
 from impactlaw.scene.detection import Detector, Distances
@@ -267,8 +268,8 @@ class Dips:
 
     def _bend(self, before: np.ndarray, duration: float) -> float:
         """Return a bound on how far two geoms came closer in a phase than their motion from start to end shows, m."""
-        change = self._configuration.data.qvel - before
-        return 0.5 * self._travel.reach(change, 0.0 * before, duration) + self._drift(duration)
+        change = mujoco.mju_norm(self._configuration.data.qvel - before)
+        return 0.5 * self._travel.farthest * change * duration + self._drift(duration)
 
     def _reach(self, before: np.ndarray, duration: float, reach: float) -> float:
         """Return a bound on how much closer two geoms can have come in a phase, m, at most the size of the scene.
