@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from math import inf
 from typing import Any
 
@@ -157,17 +155,13 @@ def locked_joints(model: mujoco.MjModel, added: np.ndarray | None, ratio: float)
     return locked if np.count_nonzero(locked) else None
 
 
-@contextmanager
-def has_room(data: mujoco.MjData) -> Iterator[None]:
-    """If MuJoCo's memory is too small, release all that it has taken and raise UnfinishedStepError."""
-    try:
-        yield
-    except mujoco.FatalError as error:
-        if "out of memory" not in str(error):
-            raise
-        world: Any = data
-        world.pstack = world.pbase = world.parena = 0
-        world.ncon = world.nefc = world.ne = world.nf = world.nl = 0
-        raise UnfinishedStepError(
-            'MuJoCo has no room for all contacts; make <size memory="..."/> larger, or use scheme="time-stepping"'
-        ) from error
+def no_room(data: mujoco.MjData, error: mujoco.FatalError) -> UnfinishedStepError:
+    """Return an error for MuJoCo's memory that is too small, after releasing all that it has taken; raise any other."""
+    if "out of memory" not in str(error):
+        raise error
+    world: Any = data
+    world.pstack = world.pbase = world.parena = 0
+    world.ncon = world.nefc = world.ne = world.nf = world.nl = 0
+    return UnfinishedStepError(
+        'MuJoCo has no room for all contacts; make <size memory="..."/> larger, or use scheme="time-stepping"'
+    )

@@ -45,7 +45,7 @@ from impactlaw.stepping.event_driven.overlap import clearance, overlaps, push_ou
 from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
 from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 from impactlaw.stepping.impact_event import ImpactEvent, LazyEvents, together
-from impactlaw.stepping.integration import check_input, empty_state, has_room
+from impactlaw.stepping.integration import check_input, empty_state, no_room
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.work import Work
 
@@ -195,8 +195,11 @@ class RigidStepping:
             return ()
         if waits:
             raise UnfinishedStepError("the step before was not finished")
-        with nullcontext() if self._model.nv < _FEW else one_thread(), has_room(data):
-            start = self._take(events)
+        try:
+            with nullcontext() if self._model.nv < _FEW else one_thread():
+                start = self._take(events)
+        except mujoco.FatalError as error:
+            raise no_room(data, error) from error
         data.time = end
         if self._surfaces is not None:
             self._surfaces.end(data)

@@ -54,10 +54,9 @@ def hold_position(phase_end: PhaseEnd, phase: Phase, detect_again: DetectAgain, 
     """
     configuration = phase_end.now.configuration
     end, end_gap = configuration.data.qpos.copy(), phase_end.now.gap[phase_end.sustained]
-    nv = configuration.model.nv
-    shift, reach = np.zeros(nv), phase_end.now.contact_set.opening(felt)
+    shift, reach = np.zeros(configuration.model.nv), phase_end.now.contact_set.opening(felt)
     limit, place = _FAR * max(reach, -float(end_gap.min()), phase.tolerance), configuration.data.geom_xpos
-    cuts = Cuts(np.zeros((0, nv)), np.zeros(0))
+    cuts: Cuts | None = None
     for correction in range(_CORRECTIONS):
         now, known, _ = phase_end
         sustained, active, wanted = _correction(phase_end, shift + felt, phase, cuts)
@@ -71,7 +70,7 @@ def hold_position(phase_end: PhaseEnd, phase: Phase, detect_again: DetectAgain, 
         if correction >= _SMOOTH_CORRECTIONS:  # contacts jump between points of a face: keep them all
             J = now.contact_set.jacobian[sustained]
             least = J.dot(shift + felt) - now.gap[sustained]
-            cuts = Cuts(np.vstack([cuts.jacobian, J]), np.concatenate([cuts.least, least]))
+            cuts = Cuts(J, least) if cuts is None else Cuts(*map(np.concatenate, zip(cuts, (J, least), strict=True)))
         shift = wanted
         configuration.shift(shift, qpos=end)
         before, (now, known) = known, detect_again(reach)
@@ -108,14 +107,14 @@ def _is_corrected(phase_end: PhaseEnd, active: np.ndarray, phase: Phase) -> bool
     return not np.count_nonzero(stays(gap, phase_end.known, phase) & ~sustained)
 
 
-def _correction(phase_end: PhaseEnd, shift: np.ndarray, phase: Phase, cuts: Cuts) -> Correction:
+def _correction(phase_end: PhaseEnd, shift: np.ndarray, phase: Phase, cuts: Cuts | None) -> Correction:
     """Return the shift that opens the contacts, linearized at the scene shifted by ``shift``, (nv,)."""
     contact_set, gap, sustained = phase_end.now.contact_set, phase_end.now.gap, phase_end.sustained
     J = contact_set.jacobian
     while True:
         rows = sustained.nonzero()[0]
         gradients, least, part = J[rows], J[rows].dot(shift) - gap[rows], contact_set.yielding[rows]
-        if len(cuts.least):
+        if cuts is not None:
             phase.work.cut(len(least) + len(cuts.least))
             gradients, least = np.vstack([gradients, cuts.jacobian]), np.concatenate([least, cuts.least])
             part = np.vstack([part, contact_set.whiten(cuts.jacobian)])
