@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import mujoco
@@ -25,7 +24,7 @@ class Cylinders(NamedTuple):
     is_cylinder: np.ndarray  # bool (ngeom,)
     is_long: np.ndarray  # whether a geom is a cylinder or a capsule, bool (ngeom,)
     is_straight: np.ndarray  # the same, or a box
-    corrected: frozenset[int]  # cylinders and capsules that can lie on faces, or touch along a line
+    long: frozenset[int]  # cylinders and capsules
     on_faces: bool  # whether these can lie on the faces of boxes, meshes or height fields
     beside: bool  # whether any of these can touch along a line
 
@@ -38,8 +37,8 @@ def cylinders_of(model: mujoco.MjModel) -> Cylinders | None:
     if not beside and len(cylinders) == 0:
         return None
     on_faces = len(cylinders) > 0 and bool(np.isin(kind, [_BOX, *_PIECES]).any())
-    corrected = frozenset(np.flatnonzero(is_long).tolist() if on_faces or beside else ())
-    return Cylinders(planes, cylinders, is_cylinder, is_long, is_long | (kind == _BOX), corrected, on_faces, beside)
+    long = frozenset(np.flatnonzero(is_long).tolist())
+    return Cylinders(planes, cylinders, is_cylinder, is_long, is_long | (kind == _BOX), long, on_faces, beside)
 
 
 def collide(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders | None, *, stands: bool) -> None:
@@ -50,17 +49,14 @@ def collide(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders | N
     Args:
         model: the scene.
         data: its state.
-        cylinders: the result of `cylinders_of`.
-        stands: the result of `can_stand`.
+        cylinders: the cylinders that can be in contact (`present`).
+        stands: whether some can stand on planes (`can_stand`).
     """
-    if cylinders is None:
-        _find_contacts(model, data)
-        return
-    if stands:
+    if stands and cylinders is not None:
         _find_standing(model, data, cylinders)
     else:
         _find_contacts(model, data)
-    if data.ncon == 0 or cylinders.corrected.isdisjoint(data.contact.geom.ravel().tolist()):
+    if cylinders is None or data.ncon == 0 or cylinders.long.isdisjoint(data.contact.geom.ravel().tolist()):
         return
     geoms = data.contact.geom
     # imports of compiled code, which reading other scenes should not load
@@ -99,14 +95,22 @@ def _find_standing(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylind
 def _add(model: mujoco.MjModel, data: mujoco.MjData, ends: np.ndarray) -> None:
     """Add contacts at further ends of lines; see `side_by_side.find_ends`."""
     for k in np.flatnonzero(np.isfinite(ends[:-1, 0])):
-        _with_room(model, data, mujoco.mj_addContact, data.contact[k])
+        if mujoco.mj_addContact(model, data, data.contact[k]):
+            raise _no_room(data)
         added = data.contact[data.ncon - 1]
         added.dist, added.pos, added.frame = ends[k, 0], ends[k, 1:4], ends[k, 4:]
 
 
-def can_stand(model: mujoco.MjModel, geoms: Cylinders | None) -> bool:
+def present(model: mujoco.MjModel, geoms: Cylinders | None) -> Cylinders | None:
+    """Return the cylinders of a scene, None if all belong to pictures: these have no contacts now."""
+    if geoms is None or model.npair > 0:
+        return geoms
+    return geoms if np.count_nonzero((model.geom_contype | model.geom_conaffinity)[geoms.is_long]) else None
+
+
+def can_stand(model: mujoco.MjModel, geoms: Cylinders) -> bool:
     """Return whether cylinders can stand on planes now; those of pictures have no contacts."""
-    if geoms is None or len(geoms.cylinders) == 0 or len(geoms.planes) == 0:
+    if len(geoms.cylinders) == 0 or len(geoms.planes) == 0:
         return False
     masks = model.geom_contype | model.geom_conaffinity
     some = np.count_nonzero(masks[geoms.planes]) and np.count_nonzero(masks[geoms.cylinders])
@@ -114,15 +118,13 @@ def can_stand(model: mujoco.MjModel, geoms: Cylinders | None) -> bool:
 
 
 def _find_contacts(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    _with_room(model, data, mujoco.mj_collision)
-
-
-def _with_room(model: mujoco.MjModel, data: mujoco.MjData, add: Callable[..., object], *what: object) -> None:
-    """Let MuJoCo add contacts; raise `SceneError` if it has no room for them, which it counts as a warning."""
     warnings = data.warning.number
     full = warnings[_FULL]
-    add(model, data, *what)
+    mujoco.mj_collision(model, data)
     if warnings[_FULL] != full:
-        raise SceneError(
-            f'MuJoCo has no room for more than {data.ncon} contacts; give the scene a larger <size memory="..."/>'
-        )
+        raise _no_room(data)
+
+
+def _no_room(data: mujoco.MjData) -> SceneError:
+    reason = f"MuJoCo has no room for more than {data.ncon} contacts"
+    return SceneError(f'{reason}; give the scene a larger <size memory="..."/>')

@@ -82,7 +82,6 @@ class Detector:
         self._model = model
         self.names = geom_names(model)
         self.limits = Limits(model)
-        self._cylinders = cylinders_of(model)
         self._bilateral = bilateral_constraints(model)
         self._has_bilateral = bool(self._bilateral.any())
         self._has_limits, self._limits_of_rows = bool(self.limits), self.limits.of_rows
@@ -91,7 +90,7 @@ class Detector:
             convex=convex,
             limits=self._limits_of_rows,
             bilateral=self._has_bilateral,
-            cylinders=self._cylinders,
+            cylinders=cylinders_of(model),
         )
         alone = not (self._has_limits or self._has_bilateral)
         self.patterns = Patterns(model, self.names, self.limits.labels, faces=faces, friction=friction, alone=alone)
@@ -196,7 +195,7 @@ class Detector:
 
     def _collide(self, data: mujoco.MjData, within: float, *, several: bool = False) -> None:
         self.options.look(within + SKIN, several=several)
-        collide(self._model, data, self._cylinders, stands=self.options.stands)
+        collide(self._model, data, self.options.cylinders, stands=self.options.stands)
 
     def _read(self, data: mujoco.MjData) -> tuple[Pattern, Contacts]:
         found = data.contact

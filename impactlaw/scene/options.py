@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mujoco
 
-from impactlaw.scene.collide import Cylinders, can_stand
+from impactlaw.scene.collide import Cylinders, can_stand, present
 from impactlaw.scene.joint_limits import slack_ropes
 from impactlaw.scene.tolerances import CCD_TOLERANCE, NEVER
 
@@ -37,13 +37,14 @@ class BorrowedOptions:
         enabled: the user's enable flags.
         several: whether the user lets MuJoCo look for several contacts between faces.
         limited: whether the user has limits on. (If contacts are off, detection reports none.)
-        stands: whether cylinders can stand on planes.
+        cylinders: the cylinders that can be in contact now.
+        stands: whether some of them can stand on planes.
     """
 
     def __init__(
         self, model: mujoco.MjModel, *, convex: bool, limits: bool, bilateral: bool, cylinders: Cylinders | None
     ):
-        self._model, self._cylinders = model, cylinders
+        self._model, self._all_cylinders = model, cylinders
         self._convex = convex
         self._limits = limits
         self._bilateral = bilateral
@@ -56,7 +57,8 @@ class BorrowedOptions:
         self._kept = disabled, enabled, opt.o_margin
         self.several = not disabled & _SINGLE
         self.limited = not disabled & (_LIMIT | _CONSTRAINT)
-        self.stands = can_stand(self._model, self._cylinders)
+        self.cylinders = None if self._all_cylinders is None else present(self._model, self._all_cylinders)
+        self.stands = self.cylinders is not None and can_stand(self._model, self.cylinders)
         self._jacobian = opt.jacobian
         self._sparse = self._large if self._jacobian == _AUTO else self._jacobian != _DENSE
         self._smooth = disabled | _SMOOTH_OFF | _LIMIT, enabled & ~_SLEEP

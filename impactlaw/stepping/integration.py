@@ -1,4 +1,4 @@
-"""MuJoCo's own integrator without contacts, over any duration, and saving and restoring the state it starts from."""
+"""Saving and restoring the state that MuJoCo's integrator starts from, what it adds to inertia, and checks of both."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import mujoco
 import numpy as np
 
 from impactlaw.errors import DivergenceError, SceneError, UnfinishedStepError
-from impactlaw.scene.options import BorrowedOptions
 
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 _HUGE = mujoco.mjMAXVAL  # MuJoCo treats larger numbers as a mistake
@@ -75,10 +74,8 @@ def is_huge(data: mujoco.MjData) -> bool:
     return not (mujoco.mju_norm(data.qpos) <= _HUGE and mujoco.mju_norm(data.qvel) <= _HUGE)
 
 
-def advance(model: mujoco.MjModel, data: mujoco.MjData, options: BorrowedOptions, duration: float) -> None:
-    """Integrate for ``duration`` s as `mj_step` does, without contacts."""
-    options.integrate(duration)
-    mujoco.mj_step(model, data)
+def check_speed(data: mujoco.MjData) -> None:
+    """Refuse a velocity that is not finite, or so large that MuJoCo treats it as a mistake."""
     if not mujoco.mju_norm(data.qvel) <= _HUGE:  # numpy would warn of an overflow
         raise DivergenceError(
             f"the velocity is not finite, or huge, at t = {data.time:.6g} s; use a smaller timestep, or check "

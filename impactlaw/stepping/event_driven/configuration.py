@@ -22,7 +22,7 @@ class Configuration:
 
     MuJoCo factors ``M = L^T D L``, so that here ``R^T = D^1/2 L``: ``|R^T v|`` is the kinetic metric, and
     ``Y = J R^-T`` has ``Y Y^T = G`` (`impactlaw.mechanics.kinetic_metric`). Frames, inertia and factor are those at
-    data.qpos, computed when they are first needed. M includes the terms that implicit damping (`damp`) and equality
+    data.qpos, computed when they are first needed. M includes the terms that implicit damping (`end_phase`) and equality
     constraints (`comply`) add to it.
 
     Attributes:
@@ -67,17 +67,17 @@ class Configuration:
         """
         self._stiffness, self._factored = stiffness, False
 
-    def damp(self, duration: float) -> None:
-        """Replace M by ``M + tau D`` for a phase of tau s, with which the integrator advances if it damps implicitly.
+    def end_phase(self, duration: float) -> None:
+        """Call `update` after a phase of tau s, with ``M + tau D`` for M if the integrator damps implicitly.
 
         Contact that is held during the phase acts within that integration. With M alone it would throw joints whose
         ``tau D`` is larger than M, and the forces that the next phase feels would not settle.
         """
-        self._factored = False
-        if self.is_rk4:
+        if self.model.opt.integrator == _RK4:
             self._known = self._damping = self._phase = None
         else:
             self._phase = duration, self.data.M.copy()
+        self.update()
 
     def _find_added(self) -> None:
         """Find what implicit damping adds to M, from what the phase left in data, before the next phase."""

@@ -1,6 +1,6 @@
 """Smooth phases between collisions: how far a phase leads, which contacts stay closed, and when another gap closes.
 
-A phase is MuJoCo's integrator without contacts (`integration.advance`). It is tried, shortened if bodies travel further
+A phase is MuJoCo's integrator without contacts. It is tried, shortened if bodies travel further
 than they are thick (`travel.Travel`), and brought back to the contacts that stay closed (`persistent_contact`). If
 another gap fell below minus the tolerance, it is repeated up to the time at which that gap closes
 (`location.search.locate`). The same is done for a gap that has closed and opened again (`location.dips`).
@@ -29,7 +29,7 @@ from impactlaw.stepping.event_driven.matching import Matched, continued, match, 
 from impactlaw.stepping.event_driven.persistent_contact.frictionless import hold
 from impactlaw.stepping.event_driven.persistent_contact.position import DetectAgain
 from impactlaw.stepping.event_driven.persistent_contact.predicted_force import PredictedForce
-from impactlaw.stepping.integration import advance
+from impactlaw.stepping.integration import check_speed
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.work import Work
 
@@ -58,11 +58,11 @@ class SmoothPhases:
         self._detector = Detector(model, convex=plan.convex, faces=plan.faces, friction=plan.friction)
         self._exact = exact
         self.work = work
-        self._travel = Travel(model, plan.pairs, passing=plan.passing, turning=plan.turning)
+        self.surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces else None
+        self._travel = Travel(model, plan.pairs, self.surfaces, passing=plan.passing, turning=plan.turning)
         self._passing, self.pairs = plan.passing, len(plan.pairs.geoms)
         self.farthest = self._travel.farthest
         self.options = self._detector.options
-        self.surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces else None
         self.configuration = Configuration(model, self.surfaces)
         self._dips = Dips(
             self.configuration,
@@ -91,19 +91,13 @@ class SmoothPhases:
         try:
             if force is not None:
                 data.qfrc_applied += force
-            advance(self._model, data, self.options, duration)
+            self.options.integrate(duration)
+            mujoco.mj_step(self._model, data)
         finally:
             if own is not None:
                 data.qfrc_applied[:] = own
-        self.configuration.damp(duration)
-        self.configuration.update()
-
-    def _is_short(self, before: np.ndarray, duration: float, reach: float | None = None) -> bool:
-        """Return whether the velocities at both ends of a phase, (nv,), rule out that a body passed through another."""
-        travel, after = self._travel, self.configuration.data.qvel
-        reach = travel.reach(before, after, duration) if reach is None else reach
-        drift = 0.0 if self.surfaces is None else self.surfaces.speed
-        return travel.is_short(before, after, duration, reach=reach, drift=drift)
+        check_speed(data)
+        self.configuration.end_phase(duration)
 
     def detect(self, within: float) -> ContactSet:
         """Return all current contacts with a gap up to ``within``, m or rad, and possibly others."""
@@ -152,7 +146,7 @@ class SmoothPhases:
         data, timestep = self.configuration.data, self.options.timestep
         self.advance(timestep)
         reach = self._travel.reach(before, data.qvel, timestep)
-        if self._is_short(before, timestep, reach):
+        if self._travel.is_short(before, data.qvel, timestep, reach):
             return reach
         return reach if start is not None and self._travel.is_safe(start, before, data, timestep) else None
 
@@ -253,7 +247,7 @@ class SmoothPhases:
         while True:
             self.work.integrate()
             self.advance(duration, start.force)
-            if self._is_short(start.velocity, duration):
+            if self._travel.is_short(start.velocity, configuration.data.qvel, duration):
                 break
             longest = self._travel.longest_turn(start.velocity)
             if duration > longest:

@@ -111,7 +111,7 @@ class Dips:
             may_dip = far is not None and self._may_dip(far, start, before, duration)
         else:
             travel = self._travel.by(before, self._configuration.data.qvel, duration).tolist()
-            pairs, most = zip(apart.geoms.tolist(), apart.distance.tolist(), strict=True), 2.0 * self._drift(duration)
+            pairs, most = zip(apart.geoms.tolist(), apart.distance.tolist(), strict=True), 2.0 * self._travel.drift(duration)
             may_dip = any(limit < gap <= travel[first] + travel[second] + most + SKIN for (first, second), gap in pairs)
         if not may_dip:
             return False
@@ -261,15 +261,10 @@ class Dips:
         self._configuration.refresh()
         return ContactSet(self._detector.look(self._configuration.data, within), self._configuration)
 
-    def _drift(self, duration: float) -> float:
-        """Return how far surfaces that move by themselves can have moved in a phase, m."""
-        surfaces = self._configuration.surfaces
-        return 0.0 if surfaces is None else surfaces.speed * duration
-
     def _bend(self, before: np.ndarray, duration: float) -> float:
         """Return a bound on how far two geoms came closer in a phase than their motion from start to end shows, m."""
         change = mujoco.mju_norm(self._configuration.data.qvel - before)
-        return 0.5 * self._travel.farthest * change * duration + self._drift(duration)
+        return 0.5 * self._travel.farthest * change * duration + self._travel.drift(duration)
 
     def _reach(self, before: np.ndarray, duration: float, reach: float) -> float:
         """Return a bound on how much closer two geoms can have come in a phase, m, at most the size of the scene.
@@ -279,9 +274,7 @@ class Dips:
         if reach > self._wide:
             travel = self._travel.by(before, self._configuration.data.qvel, duration)
             reach = 2.0 * max(travel.tolist(), default=0.0)
-        if self._configuration.surfaces is not None:
-            reach += 2.0 * self._drift(duration)
-        return min(reach, self._extent)
+        return min(reach + 2.0 * self._travel.drift(duration), self._extent)
 
 
 def _find_negative(

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.scene.detection import Distances
+from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.scene.pairs import GeomPairs, thickness
 
 _FREE, _BALL, _SLIDE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{name}")) for name in ("FREE", "BALL", "SLIDE"))
@@ -37,8 +38,10 @@ class Travel:
         farthest: bound on the motion of a point of a geom, m per unit of displacement of all coordinates together.
     """
 
-    def __init__(self, model: mujoco.MjModel, pairs: GeomPairs, *, passing: bool, turning: bool):
-        self._model = model
+    def __init__(
+        self, model: mujoco.MjModel, pairs: GeomPairs, surfaces: Surfaces | None, *, passing: bool, turning: bool
+    ):
+        self._model, self._surfaces = model, surfaces
         thin = thickness(model)
         self._radius = model.geom_rbound.copy()
         self._lever = np.where(np.isfinite(thin), np.maximum(self._radius - thin, 0.0), 0.0)
@@ -58,20 +61,22 @@ class Travel:
             self._bounds = np.maximum(self._chains, self._short * turned)
         self.farthest = float(np.linalg.norm(self._bounds.max(axis=0, initial=0.0)))
 
-    def is_short(
-        self, before: np.ndarray, after: np.ndarray, duration: float, *, reach: float, drift: float = 0.0
-    ) -> bool:
+    def is_short(self, before: np.ndarray, after: np.ndarray, duration: float, reach: float | None = None) -> bool:
         """Return whether no body can have passed through another, or turned so far that orientations alias.
 
-        This is a bound from the velocities, (nv,), at both ends of a phase, their `reach`, and the largest speed of
-        surfaces that move by themselves, m/s. Where it fails, `between` is more precise.
+        This is a bound from the velocities, (nv,), at both ends of a phase, and their `reach`. Where it fails,
+        `between` is more precise.
         """
         if not self._passable:
             return True
-        short = self._short - 2.0 * drift * duration
-        if reach <= short:
+        short = self._short - 2.0 * self.drift(duration)
+        if (self.reach(before, after, duration) if reach is None else reach) <= short:
             return True
         return max(self._bounds.dot(np.abs(before) + np.abs(after)).tolist()) * duration <= short
+
+    def drift(self, duration: float) -> float:
+        """Return how far surfaces that move by themselves can have moved in a phase, m."""
+        return 0.0 if self._surfaces is None else self._surfaces.speed * duration
 
     def reach(self, before: np.ndarray, after: np.ndarray, duration: float) -> float:
         """Return a bound on the distance that a point of a geom can have moved, m; see `is_short`."""
