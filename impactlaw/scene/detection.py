@@ -175,7 +175,7 @@ class Detector:
         """Return whether a limit is near; if limits are read from constraint rows, whether any contact or limit is."""
         if self._limits_of_rows:
             return bool(self.look(data, within).pattern)
-        return self._limits_near(data, within) is not None
+        return self._has_limits and self._limits_near(data, within) is not None
 
     def are_closed(self, data: mujoco.MjData, within: float, pattern: Pattern, gaps: tuple[float, float]) -> bool:
         """Return whether the contacts with gaps below ``within`` are exactly those of a plain pattern, and closed.

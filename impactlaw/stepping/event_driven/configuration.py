@@ -22,8 +22,8 @@ class Configuration:
 
     MuJoCo factors ``M = L^T D L``, so that here ``R^T = D^1/2 L``: ``|R^T v|`` is the kinetic metric, and
     ``Y = J R^-T`` has ``Y Y^T = G`` (`impactlaw.mechanics.kinetic_metric`). Frames, inertia and factor are those at
-    data.qpos, computed when they are first needed. M includes the terms that implicit damping (`end_phase`) and equality
-    constraints (`comply`) add to it.
+    data.qpos, computed when they are first needed. M includes the terms that implicit damping (`end_phase`) and
+    equality constraints (`comply`) add to it.
 
     Attributes:
         data: the state, to be given by `bind`.
@@ -81,16 +81,17 @@ class Configuration:
 
     def _find_added(self) -> None:
         """Find what implicit damping adds to M, from what the phase left in data, before the next phase."""
-        if self._phase is not None:
-            duration, M = self._phase
-            self._known, self._phase = implicit_inertia(self.model, self.data, duration, M), None
-            if duration > 0.0:
-                self._damping = None if self._known is None else self._known / duration
+        assert self._phase is not None
+        duration, M = self._phase
+        self._known, self._phase = implicit_inertia(self.model, self.data, duration, M), None
+        if duration > 0.0:
+            self._damping = None if self._known is None else self._known / duration
 
     @property
     def added(self) -> np.ndarray | None:
         """What implicit damping adds to the diagonal of M, (nv,), or None; computed when needed, which is rare."""
-        self._find_added()
+        if self._phase is not None:
+            self._find_added()
         return self._known
 
     def damp_again(self, added: np.ndarray | None) -> None:
@@ -99,9 +100,9 @@ class Configuration:
 
     def is_locked(self, timestep: float, ratio: float) -> bool:
         """Return whether damping all but locks a joint in a timestep, s; see `integration.locked_joints`."""
-        self._find_added()
-        added = None if self._damping is None else timestep * self._damping
-        return locked_joints(self.model, added, ratio) is not None
+        if self._phase is not None:
+            self._find_added()
+        return self._damping is not None and locked_joints(self.model, timestep * self._damping, ratio) is not None
 
     def save(self, state: np.ndarray | None = None) -> np.ndarray:
         """Return everything that the integrator starts from, in the given array if there is one."""

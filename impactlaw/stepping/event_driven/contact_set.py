@@ -67,7 +67,7 @@ class ContactSet:
         self.gap = self.contacts.gap
         self.configuration, data, surfaces = configuration, configuration.data, configuration.surfaces
         self.frames = Frames.of(data)
-        if surfaces is not None and surfaces.move and self.pattern:
+        if surfaces is not None and surfaces.move and len(self.gap):
             self.drift = surfaces.drift(data, self.contacts)
             if surfaces.jumps(data):
                 self.drift_before = surfaces.drift(data, self.contacts, before=True)
@@ -128,15 +128,16 @@ class ContactSet:
 
         J' is J if there are no equality constraints.
         """
-        J, Y = self.jacobian, self.configuration.whiten_gradients(self.jacobian)
+        J = self.jacobian
         if self.bilateral is None:
-            return J, Y
+            return J, self.yielding
+        Y = self.configuration.whiten_gradients(J)
         return self._constraints.confine(J, Y, self.bilateral), self._constraints.project(Y)
 
     @cached_property
     def yielding(self) -> np.ndarray:
         """``J R^-T``, (h, nv), with equality constraints that give way as MuJoCo's do."""
-        return self.confined[1] if self.bilateral is None else self.whiten(self.jacobian)
+        return self.whiten(self.jacobian)
 
     def whiten(self, rows: np.ndarray) -> np.ndarray:
         """Return whitened rows, (k, nv); a row that equality constraints fix completely becomes 0."""

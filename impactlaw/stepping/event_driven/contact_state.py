@@ -41,6 +41,8 @@ class ContactState(NamedTuple):
     """Contacts at one time, and their motion."""
 
     contact_set: ContactSet  # the detected contacts, open ones included
+    pattern: Pattern  # properties of the contacts that follow from their geoms
+    gap: np.ndarray  # gaps, m, (h,)
     closed: np.ndarray  # contacts with a gap of at most the tolerance, bool (h,)
     still: float  # largest contact velocity that counts as still: it crosses almost no distance in a timestep, m/s
     velocity: np.ndarray  # qvel, (nv,)
@@ -63,7 +65,7 @@ class ContactState(NamedTuple):
         quiet = silent and contact_set.pattern.friction is None
         if quiet and len(gap):
             quiet = -CORRECTED * tolerance <= gap.item(gap.argmin()) and gap.item(gap.argmax()) <= tolerance
-        return cls(contact_set, closed, still, velocity, gamma, noise, quiet)
+        return cls(contact_set, contact_set.pattern, gap, closed, still, velocity, gamma, noise, quiet)
 
     def moving(
         self,
@@ -73,10 +75,9 @@ class ContactState(NamedTuple):
     ) -> ContactState:
         """Return the same contacts with the current velocities."""
         velocity, gamma, noise, _ = _motion(self.contact_set, self.closed, SILENT * self.still)
-        motion = velocity, gamma, noise, False
         if self._may_jump(active):  # and forces may jump with the points
             force = None
-        return ContactState(self.contact_set, self.closed, self.still, *motion, active, contact_forces, force)
+        return ContactState(*self[:5], velocity, gamma, noise, False, active, contact_forces, force)
 
     def _may_jump(self, active: np.ndarray | None) -> bool:
         """Return whether points of held contacts may jump: on height fields, and on the flat end of a cylinder.
@@ -108,19 +109,9 @@ class ContactState(NamedTuple):
         return self.contact_set.configuration
 
     @property
-    def pattern(self) -> Pattern:
-        """Properties of the contacts that follow from their geoms."""
-        return self.contact_set.pattern
-
-    @property
     def frames(self) -> Frames:
         """Frames of all geoms."""
         return self.contact_set.frames
-
-    @property
-    def gap(self) -> np.ndarray:
-        """Gaps, m, (h,)."""
-        return self.contact_set.gap
 
     @property
     def contacts(self) -> Contacts:
@@ -161,12 +152,13 @@ def _motion(
     """
     velocity = contact_set.configuration.data.qvel.copy()
     gamma = contact_set.contact_velocity(velocity)
-    moving = [(i, speed) for i, speed in enumerate(map(abs, gamma.tolist())) if speed > silent and closed.item(i)]
-    if not moving:
-        return velocity, gamma, np.zeros(len(gamma)), True
-    clear, lengths = _CLEAR * mujoco.mju_norm(velocity), row_lengths(contact_set.jacobian).tolist()
-    unclear = any(speed <= clear * lengths[i] for i, speed in moving)
-    return velocity, gamma, _noise(contact_set, velocity) if unclear else np.zeros(len(gamma)), False
+    speeds = list(map(abs, gamma.tolist()))
+    moving = [i for i, shut in enumerate(closed.tolist()) if shut and speeds[i] > silent]
+    if moving:
+        clear, lengths = _CLEAR * mujoco.mju_norm(velocity), row_lengths(contact_set.jacobian).tolist()
+        if min([speeds[i] - clear * lengths[i] for i in moving]) <= 0.0:
+            return velocity, gamma, _noise(contact_set, velocity), False
+    return velocity, gamma, np.zeros(len(gamma)), not moving
 
 
 def _noise(contact_set: ContactSet, velocity: np.ndarray) -> np.ndarray:

@@ -63,7 +63,7 @@ class LastStep:
 
     def _find_shortcut(self, state: np.ndarray, contacts: ContactState, collided: bool) -> Shortcut | None:
         """Return a shortcut that the next step may try, given how this step ended."""
-        if not contacts.pattern:
+        if not len(contacts.gap):
             return Apart(self._phases.frames())
         if collided or not self._plan.rest:
             return None

@@ -266,7 +266,7 @@ class RigidStepping:
 
     def _check_held(self, state: ContactState) -> None:
         """Raise `UnfinishedStepError` if contact is not held: joints are locked, or an overlap is too deep."""
-        if state.pattern and self._configuration.is_locked(self._options.timestep, _LOCKED):
+        if len(state.gap) and self._configuration.is_locked(self._options.timestep, _LOCKED):
             raise UnfinishedStepError(
                 'contact is not held beside joints that damping all but locks; use RK4, or scheme="time-stepping"'
             )

@@ -185,18 +185,18 @@ class SmoothPhases:
             return trial.kept(), closed
         if trial.gap < -self.tolerance:
             trial, closed = self._locate(state, trial, start)
-        while (shorter := self._dips.find(trial, state, self._again(state, trial))) is not None:
+        while (shorter := self._dips.find(trial, state, self._again(state, trial.phase))) is not None:
             trial, closed = self._locate(state, shorter, start)
         return trial.kept(), closed
 
-    def _again(self, state: np.ndarray, trial: TrialStep) -> Callable[..., TrialStep]:
-        """Return a function that repeats a trial for another duration, s; see `_arrive`."""
+    def _again(self, state: np.ndarray, phase: Phase) -> Callable[..., TrialStep]:
+        """Return a function that repeats a phase for another duration, s; see `_arrive`."""
 
-        def again(time: float, *, smooth: bool = trial.phase.smooth) -> TrialStep:
+        def again(time: float, *, smooth: bool = phase.smooth) -> TrialStep:
             self.configuration.restore(state)
             self.work.integrate()
-            self.advance(time, trial.phase.start.force)
-            return self._arrive(state, trial.phase._replace(duration=time, smooth=smooth))
+            self.advance(time, phase.start.force)
+            return self._arrive(state, phase._replace(duration=time, smooth=smooth))
 
         return again
 
@@ -206,11 +206,13 @@ class SmoothPhases:
         If no gap has closed, since a contact only runs along a rim, the trial has lost no contact, and it is repeated
         with the forces of ``begun``.
         """
-        start, tried = trial.phase.start, trial.phase._replace(smooth=False)
-        again = self._again(state, trial._replace(phase=tried))
+        start, tried = trial.phase.start, trial.phase
+        if tried.smooth:
+            tried = tried._replace(smooth=False)
+        again = self._again(state, tried)
         travel = self._travel.between(start.frames, self.configuration.data)
         if self._is_continued(trial, again):
-            held = self._again(state, trial._replace(phase=tried._replace(start=begun)))(tried.duration, smooth=True)
+            held = self._again(state, tried._replace(start=begun))(tried.duration, smooth=True)
             if held.gap >= -self.tolerance:
                 return held, False
         shortest = tried.duration * self.tolerance / max(*travel.tolist(), -trial.gap, self.tolerance)

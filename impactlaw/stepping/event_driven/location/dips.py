@@ -111,8 +111,9 @@ class Dips:
             may_dip = far is not None and self._may_dip(far, start, before, duration)
         else:
             travel = self._travel.by(before, self._configuration.data.qvel, duration).tolist()
-            pairs, most = zip(apart.geoms.tolist(), apart.distance.tolist(), strict=True), 2.0 * self._travel.drift(duration)
-            may_dip = any(limit < gap <= travel[first] + travel[second] + most + SKIN for (first, second), gap in pairs)
+            drift = 2.0 * self._travel.drift(duration)
+            pairs = zip(apart.geoms.tolist(), apart.distance.tolist(), strict=True)
+            may_dip = any([limit < gap <= travel[i] + travel[j] + drift + SKIN for (i, j), gap in pairs])
         if not may_dip:
             return False
         found = self._detect(reach)

@@ -54,7 +54,7 @@ class TrialStep(NamedTuple):
         now, known, sustained = self.phase_end
         before = now.contact_set.contact_velocity(self.phase.start.velocity)
         columns = sustained, known, now.pattern.key, _clear(now.gap, known, self.phase), now.contact_velocity, before
-        rows = zip(*(column.tolist() for column in columns), strict=True)
+        rows = zip(*map(np.ndarray.tolist, columns), strict=True)
         found = [Observation(i if i >= 0 else -1 - key, *motion) for held, i, key, *motion in rows if not held]
         found.sort(key=itemgetter(1))
         return found

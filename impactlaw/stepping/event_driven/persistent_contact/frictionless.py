@@ -66,7 +66,7 @@ def _hold_velocity(phase_end: PhaseEnd, phase: Phase, velocity: np.ndarray, felt
     held, active = (phase_end.sustained & now.closed).nonzero()[0], np.zeros(len(now.gap), dtype=bool)
     if not len(held):
         data.qvel[:] = velocity
-        return phase_end._replace(now=now.moving(active))
+        return PhaseEnd(now.moving(active), *phase_end[1:])
     nu = _velocity_impulse(contact_set, held, velocity)
     turned = _turned(phase_end, phase, held)
     if turned is not None:
@@ -77,7 +77,7 @@ def _hold_velocity(phase_end: PhaseEnd, phase: Phase, velocity: np.ndarray, felt
     data.qvel[:] = velocity + change
     active[held] = nu > 0
     force = impulse / phase.duration if felt.is_settled(impulse, change) else None
-    return phase_end._replace(now=now.moving(active, force=force))
+    return PhaseEnd(now.moving(active, force=force), *phase_end[1:])
 
 
 def _turned(phase_end: PhaseEnd, phase: Phase, held: np.ndarray) -> np.ndarray | None:
