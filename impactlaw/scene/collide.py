@@ -24,7 +24,7 @@ class Cylinders(NamedTuple):
     is_cylinder: np.ndarray  # bool (ngeom,)
     is_long: np.ndarray  # whether a geom is a cylinder or a capsule, bool (ngeom,)
     is_straight: np.ndarray  # the same, or a box
-    long: frozenset[int]  # cylinders and capsules
+    long: np.ndarray  # cylinders and capsules
     on_faces: bool  # whether these can lie on the faces of boxes, meshes or height fields
     beside: bool  # whether any of these can touch along a line
 
@@ -37,8 +37,8 @@ def cylinders_of(model: mujoco.MjModel) -> Cylinders | None:
     if not beside and len(cylinders) == 0:
         return None
     on_faces = len(cylinders) > 0 and bool(np.isin(kind, [_BOX, *_PIECES]).any())
-    long = frozenset(np.flatnonzero(is_long).tolist())
-    return Cylinders(planes, cylinders, is_cylinder, is_long, is_long | (kind == _BOX), long, on_faces, beside)
+    is_straight, long = is_long | (kind == _BOX), np.flatnonzero(is_long)
+    return Cylinders(planes, cylinders, is_cylinder, is_long, is_straight, long, on_faces, beside)
 
 
 def collide(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders | None, *, stands: bool) -> None:
@@ -56,7 +56,7 @@ def collide(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders | N
         _find_standing(model, data, cylinders)
     else:
         _find_contacts(model, data)
-    if cylinders is None or data.ncon == 0 or cylinders.long.isdisjoint(data.contact.geom.ravel().tolist()):
+    if cylinders is None or data.ncon == 0 or not (cylinders.on_faces or cylinders.beside):
         return
     geoms = data.contact.geom
     # imports of compiled code, which reading other scenes should not load
@@ -105,7 +105,8 @@ def present(model: mujoco.MjModel, geoms: Cylinders | None) -> Cylinders | None:
     """Return the cylinders of a scene, None if all belong to pictures: these have no contacts now."""
     if geoms is None or model.npair > 0:
         return geoms
-    return geoms if np.count_nonzero((model.geom_contype | model.geom_conaffinity)[geoms.is_long]) else None
+    masks = model.geom_contype | model.geom_conaffinity
+    return geoms if np.count_nonzero(masks[geoms.long]) else None
 
 
 def can_stand(model: mujoco.MjModel, geoms: Cylinders) -> bool:

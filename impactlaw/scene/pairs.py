@@ -89,16 +89,14 @@ def one_contact(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
     return np.logical_and(np.any(_ROUND[kind], axis=1), ~np.any(_PIECES[kind], axis=1))
 
 
-def vague_contacts(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
-    """Return which pairs of geoms may touch anywhere on common faces, at points that may change, bool (n,)."""
+def vague_contacts(model: mujoco.MjModel, geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return which pairs of geoms may touch anywhere on common faces, at points that may change, bool (n,).
+
+    Also return which of their contacts move along one edge or face, not from piece to piece of a surface, bool (n,).
+    """
     kind = model.geom_type[geoms]
-    several = np.any(_VAGUE[kind], axis=1) & ~np.any(_SPHERE[kind], axis=1)
-    return np.logical_and(several, ~one_contact(model, geoms))
-
-
-def rolling_contacts(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
-    """Return which vague contacts move along one edge or face, not from piece to piece of a surface, bool (n,)."""
-    return vague_contacts(model, geoms) & ~np.any(_PIECES[model.geom_type[geoms]], axis=1)
+    vague = np.any(_VAGUE[kind], axis=1) & ~np.any(_SPHERE[kind], axis=1) & ~one_contact(model, geoms)
+    return vague, vague & ~np.any(_PIECES[kind], axis=1)
 
 
 def several_contacts(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:

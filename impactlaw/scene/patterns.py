@@ -10,7 +10,7 @@ import numpy as np
 from impactlaw.scene.contacts import contact_labels, sorted_geoms
 from impactlaw.scene.friction_rows import FrictionPattern, learn_friction
 from impactlaw.scene.joint_limits import NO_GEOM
-from impactlaw.scene.pairs import one_contact, rolling_contacts, several_contacts, touching_distance, vague_contacts
+from impactlaw.scene.pairs import one_contact, several_contacts, touching_distance, vague_contacts
 
 _REMEMBERED = 256  # most patterns that are kept; a pile of bodies has many
 
@@ -104,7 +104,7 @@ class Patterns:
         single = one_contact(model, geoms)
         distinct = len(np.unique(key)) == len(key)
         all_single = bool(single.all()) and distinct
-        skin = touching_distance(model, geoms)
+        skin, (vague, rolling) = touching_distance(model, geoms), vague_contacts(model, geoms)
         return Pattern(
             labels=contact_labels(geoms, self._names),
             geoms=geoms,
@@ -112,8 +112,8 @@ class Patterns:
             single=single,
             all_single=all_single,
             distinct=distinct,
-            vague=vague_contacts(model, geoms),
-            rolling=rolling_contacts(model, geoms),
+            vague=vague,
+            rolling=rolling,
             skin=skin if skin.any() else None,
             several=self._faces and bool(several_contacts(model, geoms).any()),
             order=order,

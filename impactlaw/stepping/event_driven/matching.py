@@ -122,19 +122,20 @@ def continued(phase_end: PhaseEnd, phase: Phase, deepest: int, gap: float) -> Co
 def _match_points(contact_set: ContactSet, phase: Phase) -> np.ndarray:
     start, contacts, pattern = phase.start, contact_set.contacts, contact_set.pattern
     model, data = contact_set.configuration.model, contact_set.configuration.data
-    index = np.full(len(contacts), -1)
-    other = pattern.key[:, None] != start.pattern.key
     away = contact_set.seen[:, None] - start.contact_set.seen
     squares = np.vecdot(away, away)  # the distance counts as seen from the geom for which it is smaller
-    moved = np.where(other, np.inf, np.sqrt(np.minimum(squares[..., 0], squares[..., 1])))
+    moved = np.sqrt(np.minimum(squares[..., 0], squares[..., 1]))
+    moved[pattern.key[:, None] != start.pattern.key] = np.inf
     nearest = moved.argmin(axis=1)
     least = moved[np.arange(len(nearest)), nearest]
-    travel = phase.travel.between(start.frames, data)
-    near = least <= 2.0 * travel[contacts.geoms].sum(axis=1) + _SAME_POINT * phase.tolerance
-    near |= np.isfinite(least) & pattern.single
-    if near.all():
+    travel, geoms = phase.travel.between(start.frames, data), contacts.geoms
+    near = least <= 2.0 * (travel[geoms[:, 0]] + travel[geoms[:, 1]]) + _SAME_POINT * phase.tolerance
+    if np.count_nonzero(near) == len(near):
         return nearest
-    index[near] = nearest[near]
+    near |= np.isfinite(least) & pattern.single
+    index = np.where(near, nearest, -1)
+    if near.all():
+        return index
     moved[:, ~start.closed] = np.inf
     moved[:, start.contact_velocity > start.rounding] += np.where(pattern.rolling, _LAST, np.inf)[:, None]
     vague = np.flatnonzero(~near & np.isfinite(moved).any(axis=1) & pattern.vague)

@@ -113,7 +113,7 @@ class Dips:
             travel = self._travel.by(before, self._configuration.data.qvel, duration).tolist()
             drift = 2.0 * self._travel.drift(duration)
             pairs = zip(apart.geoms.tolist(), apart.distance.tolist(), strict=True)
-            may_dip = any([limit < gap <= travel[i] + travel[j] + drift + SKIN for (i, j), gap in pairs])
+            may_dip = any(limit < gap <= travel[i] + travel[j] + drift + SKIN for (i, j), gap in pairs)
         if not may_dip:
             return False
         found = self._detect(reach)
