@@ -57,16 +57,6 @@ class Distances(NamedTuple):
         most = mujoco.mjMAXCONPAIR
         return len(self.distance) >= most and bool((np.unique(self.geoms, axis=0, return_counts=True)[1] >= most).any())
 
-    def beyond(self, distance: float) -> Distances | None:
-        """Return the pairs whose distance is larger than a given one, m; None if there are none."""
-        return self.select((self.distance > distance).nonzero()[0])
-
-    def select(self, chosen: np.ndarray | list[int]) -> Distances | None:
-        """Return the chosen pairs, ascending indices; None if there are none."""
-        if len(chosen) == len(self.distance):
-            return self
-        return Distances(self.geoms[chosen], self.distance[chosen], self.normal[chosen]) if len(chosen) else None
-
 
 class Detector:
     """The collision detection of one scene.
@@ -84,6 +74,7 @@ class Detector:
         self.limits = Limits(model)
         self._bilateral = bilateral_constraints(model)
         self._has_bilateral = bool(self._bilateral.any())
+        self._has_faces = faces
         self._has_limits, self._limits_of_rows = bool(self.limits), self.limits.of_rows
         self.options = BorrowedOptions(
             model,
@@ -170,6 +161,17 @@ class Detector:
         """
         self._collide(data, within)
         return Distances.of(data)
+
+    def gradients(self, data: mujoco.MjData) -> np.ndarray | None:
+        """Return the gap gradients of the pairs that MuJoCo has found last, in its order, (h, nv).
+
+        Return None if only `look` can tell: there are limits, several contacts on faces, or rows may be rounding.
+        """
+        if self._has_limits or self._has_faces:
+            return None
+        J = make_rows(self._model, data)
+        forget_rows(data)
+        return None if J is None or some_short(J) else J
 
     def is_at_limit(self, data: mujoco.MjData, within: float) -> bool:
         """Return whether a limit is near; if limits are read from constraint rows, whether any contact or limit is."""

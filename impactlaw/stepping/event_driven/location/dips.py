@@ -107,17 +107,33 @@ class Dips:
         """Return whether one of these pairs that is not near now may have been closed within a phase."""
         limit = self._near + SKIN
         if start is not None:
-            far = apart.beyond(limit)
-            may_dip = far is not None and self._may_dip(far, start, before, duration)
+            chosen = ((apart.distance > limit) & self._may_dip(apart, start, before, duration)).nonzero()[0].tolist()
         else:
             travel = self._travel.by(before, self._configuration.data.qvel, duration).tolist()
             drift = 2.0 * self._travel.drift(duration)
-            pairs = zip(apart.geoms.tolist(), apart.distance.tolist(), strict=True)
-            may_dip = any(limit < gap <= travel[i] + travel[j] + drift + SKIN for (i, j), gap in pairs)
-        if not may_dip:
+            pairs = enumerate(zip(apart.geoms.tolist(), apart.distance.tolist(), strict=True))
+            chosen = [k for k, ((i, j), gap) in pairs if limit < gap <= travel[i] + travel[j] + drift + SKIN]
+        found = self._look_for(apart, chosen, before, duration, reach)
+        if found is None:
             return False
-        found = self._detect(reach)
-        return bool(np.count_nonzero(self._opens(found, before, duration) & (found.gap > self._near)))
+        opens = _opens(found.gap, self._slopes(found.contact_velocity, before), duration, self._tolerance)
+        return bool(np.count_nonzero(opens & (found.gap > self._near)))
+
+    def _look_for(
+        self, apart: Distances, chosen: list[int], before: np.ndarray, duration: float, within: float
+    ) -> ContactSet | None:
+        """Return all current contacts with a gap up to ``within``, m; None if no chosen pair has opened in a phase.
+
+        The pairs are given by their indices in ``apart``, which MuJoCo has found last.
+        """
+        if not chosen:
+            return None
+        J, surfaces = self._detector.gradients(self._configuration.data), self._configuration.surfaces
+        if J is not None and (surfaces is None or not surfaces.move):
+            gap, slope = apart.distance[chosen] - SKIN, self._slopes(J[chosen].dot, before)
+            if not np.count_nonzero(_opens(gap, slope, duration, self._tolerance)):
+                return None
+        return self._detect(within)
 
     def find(self, trial: TrialStep, state: np.ndarray, try_for: Callable[[float], TrialStep]) -> TrialStep | None:
         """Return a shorter trial in which a gap is negative that has opened again in this one; None if there is none.
@@ -136,9 +152,11 @@ class Dips:
         apart = self._detector.distances(data, within)
         if apart is not None and (near.several or len(apart.distance) > near.geom_contacts):
             new = self._new(apart, phase.start)
-            if new is not None and self._may_dip(new, phase.start.frames, before, duration):
-                found = self._detect(within)
-                phase.work.look(len(found.gap))
+            may_dip = self._may_dip(apart, phase.start.frames, before, duration).tolist() if new else []
+            if new := [i for i in new if may_dip[i]]:
+                more = self._look_for(apart, new, before, duration, within)
+                found = now.contact_set if more is None else more
+                phase.work.look(len(apart.distance if more is None else more.gap))
         sustained = trial.phase_end.sustained
         if found is now.contact_set and np.count_nonzero(sustained) == len(sustained):
             found = None
@@ -151,17 +169,17 @@ class Dips:
             return None
         return self._search(suspects, trial, state, try_for, within)
 
-    def _may_dip(self, apart: Distances, start: Frames, before: np.ndarray, duration: float) -> bool:
-        """Return whether the motion since the start of the phase allows one of these pairs to have met meanwhile."""
+    def _may_dip(self, apart: Distances, start: Frames, before: np.ndarray, duration: float) -> np.ndarray:
+        """Return which pairs can have met meanwhile, given their motion since the start of the phase, bool (h,)."""
         opened = self._travel.along(start, self._configuration.data, apart) + self._bend(before, duration)
-        return bool(np.count_nonzero(apart.distance <= opened + SKIN))
+        return apart.distance <= opened + SKIN
 
-    def _new(self, apart: Distances, start: ContactState) -> Distances | None:
+    def _new(self, apart: Distances, start: ContactState) -> list[int]:
         """Return the pairs that are not near now, and did not start the phase with their only contact closed."""
         known, limit = set(start.pattern.key[start.closed & start.pattern.single].tolist()), self._near + SKIN
         count, pairs = self._configuration.model.ngeom, zip(apart.geoms.tolist(), apart.distance.tolist(), strict=True)
         far = ((i, pair) for i, (pair, gap) in enumerate(pairs) if gap > limit)
-        return apart.select([i for i, pair in far if min(pair) * count + max(pair) not in known])
+        return [i for i, pair in far if min(pair) * count + max(pair) not in known]
 
     def _search(
         self,
@@ -219,7 +237,8 @@ class Dips:
     def _suspects(self, found: ContactSet, trial: TrialStep) -> dict[int, _Node]:
         """Return contacts that may have been closed within a trial, by key, except those that were closed before."""
         phase, phase_end = trial.phase, trial.phase_end
-        opens = self._opens(found, phase.start.velocity, phase.duration)
+        slope = self._slopes(found.contact_velocity, phase.start.velocity)
+        opens = _opens(found.gap, slope, phase.duration, self._tolerance)
         if not np.count_nonzero(opens):
             return {}
         known = phase_end.known if found is phase_end.now.contact_set else match(found, phase)
@@ -229,7 +248,6 @@ class Dips:
         opens &= ~(found.pattern.vague & np.isin(found.pattern.key, held))
         if not np.count_nonzero(opens):
             return {}
-        slope = self._slopes(found, phase.start.velocity)
         result: dict[int, _Node] = {}
         for i in np.flatnonzero(opens)[np.argsort(-found.gap[opens])].tolist():
             result[int(found.pattern.key[i])] = _Node(phase.duration, float(found.gap[i]), float(slope[i]))
@@ -237,25 +255,18 @@ class Dips:
 
     def _nodes(self, found: ContactSet, before: np.ndarray, time: float) -> dict[int, _Node]:
         """Return the smallest gap of each pair after a time, s; at the start, the gap that closes fastest."""
-        slope = self._slopes(found, before) if time > 0.0 else found.contact_velocity(before)
+        slope = self._slopes(found.contact_velocity, before) if time > 0.0 else found.contact_velocity(before)
         order = np.argsort(-slope if time == 0.0 else -found.gap)
         key = found.pattern.key
         return {int(key[i]): _Node(time, float(found.gap[i]), float(slope[i])) for i in order.tolist()}
 
-    def _opens(self, found: ContactSet, before: np.ndarray, duration: float) -> np.ndarray:
-        """Return which contacts open now and, by their tangents, may have been closed within a phase, bool (h,)."""
-        slope = self._slopes(found, before)
-        return (slope > 0.0) & (found.gap - slope * duration < -self._tolerance)
-
-    def _slopes(self, found: ContactSet, before: np.ndarray) -> np.ndarray:
-        """Return the derivative of gaps by the duration of the phase, m/s, (h,).
+    def _slopes(self, rates: Callable[[np.ndarray], np.ndarray], before: np.ndarray) -> np.ndarray:
+        """Return the derivative of gaps by the duration of the phase, m/s, (h,), given contact velocities by qvel.
 
         The semi-implicit integrators move with the velocity of the end, so that ``q(T) = q(0) + T v(T)``.
         """
-        rate = found.contact_velocity(self._configuration.data.qvel)
-        if self._configuration.is_rk4:
-            return rate
-        return 2.0 * rate - found.contact_velocity(before)
+        rate = rates(self._configuration.data.qvel)
+        return rate if self._configuration.is_rk4 else 2.0 * rate - rates(before)
 
     def _detect(self, within: float) -> ContactSet:
         """Return all current contacts with a gap up to ``within``, m."""
@@ -276,6 +287,11 @@ class Dips:
             travel = self._travel.by(before, self._configuration.data.qvel, duration)
             reach = 2.0 * max(travel.tolist(), default=0.0)
         return min(reach + 2.0 * self._travel.drift(duration), self._extent)
+
+
+def _opens(gap: np.ndarray, slope: np.ndarray, duration: float, tolerance: float) -> np.ndarray:
+    """Return which gaps grow now and, by their tangents, may have been closed within a phase, bool (h,)."""
+    return (slope > 0.0) & (gap - slope * duration < -tolerance)
 
 
 def _find_negative(
