@@ -308,8 +308,7 @@ def _gradients_one_by_one(model: mujoco.MjModel, data: mujoco.MjData, contacts: 
 
 def some_short(J: np.ndarray) -> bool:
     """Return whether a row of J may be only rounding, see `gap_gradients`."""
-    squares = np.vecdot(J, J)
-    return len(squares) > 0 and squares.item(squares.argmin()) <= SHORT**2
+    return min(np.vecdot(J, J).tolist(), default=1.0) <= SHORT**2
 
 
 def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:

@@ -115,7 +115,7 @@ class Detector:
             forget_rows(data)
         if pattern.several or J is None or some_short(J):
             J = gap_gradients(self._model, data, contacts)
-        else:
+        elif pattern.order is not None:
             J = J[pattern.order]
         if limits is None:
             return Found(pattern, contacts, J, bilateral, stiff)
@@ -202,9 +202,11 @@ class Detector:
     def _read(self, data: mujoco.MjData) -> tuple[Pattern, Contacts]:
         found = data.contact
         pattern = self.patterns.of(found.geom)
+        gap, position, normal = found.dist.copy(), found.pos.copy(), found.frame[:, :3].copy()
         order = pattern.order
-        normal = found.frame[order, :3] * pattern.sign
-        return pattern, Contacts(pattern.labels, pattern.geoms, found.dist[order], found.pos[order], normal)
+        if order is not None:
+            gap, position, normal = gap[order], position[order], normal[order] * pattern.sign
+        return pattern, Contacts(pattern.labels, pattern.geoms, gap, position, normal)
 
 
 def _complete(several: Contacts, nearest: Contacts) -> Contacts:

@@ -29,7 +29,7 @@ class Pattern:
     rolling: np.ndarray  # vague contacts that move along one edge or face, not from piece to piece of a surface, (h,)
     skin: np.ndarray | None  # distance at which the geoms touch, m, (h,); None if 0 for all
     several: bool  # whether MuJoCo should look for several contacts of a pair
-    order: np.ndarray  # indices that sort MuJoCo's contacts, int (h,)
+    order: np.ndarray | None  # indices that sort MuJoCo's contacts, int (h,); None if all is sorted, and sign is 1
     sign: np.ndarray  # -1 where MuJoCo has the higher geom id first, else 1, (h, 1)
     friction: FrictionPattern | None  # rows of friction; None if there are none, or friction is ignored
     found: bytes  # geom ids in MuJoCo's order, as bytes
@@ -116,7 +116,7 @@ class Patterns:
             rolling=rolling,
             skin=skin if skin.any() else None,
             several=self._faces and bool(several_contacts(model, geoms).any()),
-            order=order,
+            order=None if not swapped.any() and np.array_equal(order, np.arange(len(order))) else order,
             sign=np.where(swapped, -1.0, 1.0)[:, None],
             friction=learn_friction(model, geoms) if self._friction else None,
             found=found.tobytes(),

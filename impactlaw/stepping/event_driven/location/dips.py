@@ -286,7 +286,9 @@ class Dips:
         if reach > self._wide:
             travel = self._travel.by(before, self._configuration.data.qvel, duration)
             reach = 2.0 * max(travel.tolist(), default=0.0)
-        return min(reach + 2.0 * self._travel.drift(duration), self._extent)
+        if self._configuration.surfaces is not None:
+            reach += 2.0 * self._travel.drift(duration)
+        return min(reach, self._extent)
 
 
 def _opens(gap: np.ndarray, slope: np.ndarray, duration: float, tolerance: float) -> np.ndarray:

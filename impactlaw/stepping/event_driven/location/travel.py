@@ -69,7 +69,7 @@ class Travel:
         """
         if not self._passable:
             return True
-        short = self._short - 2.0 * self.drift(duration)
+        short = self._short if self._surfaces is None else self._short - 2.0 * self.drift(duration)
         if (self.reach(before, after, duration) if reach is None else reach) <= short:
             return True
         return max(self._bounds.dot(np.abs(before) + np.abs(after)).tolist()) * duration <= short
