@@ -48,6 +48,7 @@ class ContactState(NamedTuple):
     velocity: np.ndarray  # qvel, (nv,)
     contact_velocity: np.ndarray  # ``gamma``, m/s, (h,)
     noise: np.ndarray  # size of the rounding errors of gamma, m/s, (h,); 0 if it decides nothing here
+    rounding: np.ndarray  # contact velocities below which motion cannot be distinguished from rounding, m/s, (h,)
     quiet: bool  # whether all contacts are closed, and neither move nor need a correction of position
     active: np.ndarray | None = None  # contacts that the last phase had to hold, bool (h,); None if there was no phase
     # forces with which the phase held them if there is friction; None if there were none
@@ -61,11 +62,11 @@ class ContactState(NamedTuple):
         gap = contact_set.gap
         closed = gap <= tolerance
         still = _STILL * tolerance / timestep
-        velocity, gamma, noise, silent = _motion(contact_set, closed, SILENT * still)
-        quiet = silent and contact_set.pattern.friction is None
+        motion = _motion(contact_set, closed, still)
+        quiet = motion[4] and contact_set.pattern.friction is None
         if quiet and len(gap):
             quiet = -CORRECTED * tolerance <= gap.item(gap.argmin()) and gap.item(gap.argmax()) <= tolerance
-        return cls(contact_set, contact_set.pattern, gap, closed, still, velocity, gamma, noise, quiet)
+        return cls(contact_set, contact_set.pattern, gap, closed, still, *motion[:4], quiet)
 
     def moving(
         self,
@@ -74,10 +75,10 @@ class ContactState(NamedTuple):
         force: np.ndarray | None = None,
     ) -> ContactState:
         """Return the same contacts with the current velocities."""
-        velocity, gamma, noise, _ = _motion(self.contact_set, self.closed, SILENT * self.still)
+        motion = _motion(self.contact_set, self.closed, self.still)[:4]
         if self._may_jump(active):  # and forces may jump with the points
             force = None
-        return ContactState(*self[:5], velocity, gamma, noise, False, active, contact_forces, force)
+        return ContactState(*self[:5], *motion, False, active, contact_forces, force)
 
     def _may_jump(self, active: np.ndarray | None) -> bool:
         """Return whether points of held contacts may jump: on height fields, and on the flat end of a cylinder.
@@ -118,11 +119,6 @@ class ContactState(NamedTuple):
         """The contacts."""
         return self.contact_set.contacts
 
-    @property
-    def rounding(self) -> np.ndarray:
-        """Contact velocities below which motion cannot be distinguished from rounding, m/s, (h,)."""
-        return np.maximum(self.noise, self.still)
-
     def approaches(self, held: np.ndarray) -> bool:
         """Return whether one of these closed contacts, bool (h,), approaches now, however slowly."""
         held = held & self.closed & (self.contact_velocity < 0.0)
@@ -144,21 +140,23 @@ class ContactState(NamedTuple):
 
 
 def _motion(
-    contact_set: ContactSet, closed: np.ndarray, silent: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
-    """Return v, gamma, the noise of gamma, and whether gamma is only noise for all closed contacts.
+    contact_set: ContactSet, closed: np.ndarray, still: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, bool]:
+    """Return v, gamma, its noise and `ContactState.rounding`, and whether all closed contacts move by noise only.
 
     Where each of these is still, or clearly moves, nothing depends on the noise, which takes a factor of M.
     """
     velocity = contact_set.configuration.data.qvel.copy()
     gamma = contact_set.contact_velocity(velocity)
-    speeds = list(map(abs, gamma.tolist()))
+    speeds, silent = list(map(abs, gamma.tolist())), SILENT * still
     moving = [i for i, shut in enumerate(closed.tolist()) if shut and speeds[i] > silent]
     if moving:
         clear, lengths = _CLEAR * mujoco.mju_norm(velocity), row_lengths(contact_set.jacobian).tolist()
         if min([speeds[i] - clear * lengths[i] for i in moving]) <= 0.0:
-            return velocity, gamma, _noise(contact_set, velocity), False
-    return velocity, gamma, np.zeros(len(gamma)), not moving
+            noise = _noise(contact_set, velocity)
+            return velocity, gamma, noise, np.maximum(noise, still), False
+    noise = np.zeros(len(gamma))
+    return velocity, gamma, noise, noise + still, not moving
 
 
 def _noise(contact_set: ContactSet, velocity: np.ndarray) -> np.ndarray:

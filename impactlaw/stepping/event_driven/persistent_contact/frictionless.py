@@ -85,7 +85,8 @@ def _turned(phase_end: PhaseEnd, phase: Phase, held: np.ndarray) -> np.ndarray |
     start, contact_set, known = phase.start.contact_set, phase_end.now.contact_set, phase_end.known[held]
     if not np.count_nonzero(known >= 0):
         return None
-    difference = np.where(known[:, None] >= 0, start.jacobian[known] - contact_set.jacobian[held], 0.0)
+    difference = start.jacobian[known] - contact_set.jacobian[held]
+    difference[known < 0] = 0.0
     return turned_rows(contact_set, difference, contact_set.yielding[held])
 
 
