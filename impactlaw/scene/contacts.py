@@ -217,32 +217,26 @@ def _read(data: mujoco.MjData, index: np.ndarray, names: tuple[str, ...]) -> Con
     return Contacts(contact_labels(geoms, names), geoms, found.dist[index], found.pos[index], normal)
 
 
-def _make_constraints(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Make constraint rows as for Euler: for the integrator "discrete", MuJoCo makes no ``efc_D`` at this stage."""
-    integrator = model.opt.integrator
-    try:
-        if integrator == _DISCRETE:
-            model.opt.integrator = _EULER
-        mujoco.mj_makeConstraint(model, data)
-    finally:
-        if integrator == _DISCRETE:
-            model.opt.integrator = integrator
-
-
 def make_rows(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray | None:
     """Make constraint rows and return the gap gradients of data.contact, in its order, (h, nv).
 
     The result is None if MuJoCo makes no row for a contact. Besides contacts only equality constraints and limits may
     be on, and the Jacobian must be dense (`BorrowedOptions`). Call `forget_rows` afterwards.
     """
-    contact, h = data.contact, data.ncon
-    _make_constraints(model, data)
-    if data.nefc != data.ne + data.nl + h:
-        dim = contact.dim.copy()
-        contact.dim[:] = 1  # a frictionless contact has one row
-        contact.exclude[:] = 0  # include contacts within a detection gap
-        _make_constraints(model, data)
-        contact.dim[:] = dim
+    contact, h, integrator = data.contact, data.ncon, model.opt.integrator
+    try:
+        if integrator == _DISCRETE:
+            model.opt.integrator = _EULER  # MuJoCo makes no ``efc_D`` at this stage otherwise
+        mujoco.mj_makeConstraint(model, data)
+        if data.nefc != data.ne + data.nl + h:
+            dim = contact.dim.copy()
+            contact.dim[:] = 1  # a frictionless contact has one row
+            contact.exclude[:] = 0  # include contacts within a detection gap
+            mujoco.mj_makeConstraint(model, data)
+            contact.dim[:] = dim
+    finally:
+        if integrator == _DISCRETE:
+            model.opt.integrator = integrator
     if h == 0:
         return np.zeros((0, model.nv))
     first = data.ne + data.nl

@@ -102,11 +102,11 @@ class Detector:
     def look(self, data: mujoco.MjData, within: float) -> Found:
         """Return the contacts and limits with a gap below ``within``, m or rad, and perhaps some more."""
         pattern, contacts = self.find(data, within)
-        limits = self._limits_near(data, within)
-        if not pattern and limits is None and not self._limits_of_rows:
+        limits = self._limits_near(data, within) if self._has_limits else None
+        if not len(contacts.gap) and limits is None and not self._limits_of_rows:
             return Found(pattern, contacts, np.zeros((0, self._model.nv)), None, None)
         J = bilateral = stiff = None
-        if pattern or self._limits_of_rows or self._has_bilateral:
+        if len(contacts.gap) or self._limits_of_rows or self._has_bilateral:
             J = make_rows(self._model, data)
             bilateral = bilateral_rows(self._model, data, self._bilateral) if data.ne else None
             stiff = None if bilateral is None else stiffness(self._model, data, self._bilateral)
@@ -129,7 +129,7 @@ class Detector:
 
     def _limits_near(self, data: mujoco.MjData, within: float) -> LimitRows | None:
         """Return the limits found from joint positions; None if none is near, or if constraint rows are needed."""
-        if not self._has_limits or self._limits_of_rows or not self.options.limited:
+        if self._limits_of_rows or not self.options.limited:
             return None
         return self.limits.near(data, within)
 

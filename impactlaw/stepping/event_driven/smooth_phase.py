@@ -99,16 +99,13 @@ class SmoothPhases:
         check_speed(data)
         self.configuration.end_phase(duration)
 
-    def detect(self, within: float) -> ContactSet:
-        """Return all current contacts with a gap up to ``within``, m or rad, and possibly others."""
-        self.configuration.refresh()
-        found = self._detector.look(self.configuration.data, within)
-        self.configuration.comply(found.stiffness)
-        return ContactSet(found, self.configuration)
-
     def look(self, within: float = 0.0) -> ContactState:
         """Return all current contacts with a gap up to ``within``, m or rad, and how they move."""
-        found = self.detect(max(self._near, within))
+        configuration = self.configuration
+        configuration.refresh()
+        found = self._detector.look(configuration.data, max(self._near, within))
+        configuration.comply(found.stiffness)
+        found = ContactSet(found, configuration)
         return ContactState.of(found, tolerance=self.tolerance, timestep=self.options.timestep)
 
     def leave_contacts(self, pattern: Pattern) -> None:
