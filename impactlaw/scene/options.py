@@ -45,6 +45,8 @@ class BorrowedOptions:
         self, model: mujoco.MjModel, *, convex: bool, limits: bool, bilateral: bool, cylinders: Cylinders | None
     ):
         self._model, self._all_cylinders = model, cylinders
+        self._masks: tuple[bytes, bytes] = b"", b""  # masks of geoms that the next two attributes are for
+        self.cylinders, self.stands = None, False
         self._convex = convex
         self._limits = limits
         self._bilateral = bilateral
@@ -57,8 +59,11 @@ class BorrowedOptions:
         self._kept = disabled, enabled, opt.o_margin
         self.several = not disabled & _SINGLE
         self.limited = not disabled & (_LIMIT | _CONSTRAINT)
-        self.cylinders = None if self._all_cylinders is None else present(self._model, self._all_cylinders)
-        self.stands = self.cylinders is not None and can_stand(self._model, self.cylinders)
+        if self._all_cylinders is not None:
+            masks = self._model.geom_contype.tobytes(), self._model.geom_conaffinity.tobytes()
+            if masks != self._masks:  # the first time, or they were changed
+                self._masks, self.cylinders = masks, present(self._model, self._all_cylinders)
+                self.stands = self.cylinders is not None and can_stand(self._model, self.cylinders)
         self._jacobian = opt.jacobian
         self._sparse = self._large if self._jacobian == _AUTO else self._jacobian != _DENSE
         self._smooth = disabled | _SMOOTH_OFF | _LIMIT, enabled & ~_SLEEP
