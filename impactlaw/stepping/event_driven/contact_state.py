@@ -190,10 +190,11 @@ def stays(gap: np.ndarray, known: np.ndarray, phase: Phase) -> np.ndarray:
     if phase.hold_all:
         return gap <= phase.tolerance
     start, tau, held = phase.start, phase.duration, np.zeros(len(known), dtype=bool)
-    if not (len(known) and np.count_nonzero(start.closed)):
+    shut = start.closed.tolist()
+    if not (len(known) and True in shut):
         return held
-    before = start.closed.tolist(), start.gap.tolist(), start.contact_velocity.tolist(), start.rounding.tolist()
-    motion = list(zip(*before, strict=True))
+    before = start.gap.tolist(), start.contact_velocity.tolist(), start.rounding.tolist()
+    motion = list(zip(shut, *before, strict=True))
     for i, (index, end) in enumerate(zip(known.tolist(), gap.tolist(), strict=True)):
         closed, begun, velocity, rounding = motion[index]
         if index >= 0 and closed:

@@ -286,9 +286,7 @@ class SmoothPhases:
         held = phase_end.sustained if phase.start.force is not None else phase_end.sustained & now.closed
         if np.count_nonzero(held):
             phase_end, keep = hold(phase_end, phase, self._look_again(phase, phase_end))
-        if np.count_nonzero(phase_end.sustained) == len(phase_end.sustained):
-            return TrialStep(phase, phase_end, self._near, -1, keep)
-        return TrialStep.of(phase, phase_end, keep)
+        return TrialStep.of(phase, phase_end, keep, self._near)
 
     def _look_and_match(self, phase: Phase, within: float = 0.0) -> Matched:
         now = self.look(within)

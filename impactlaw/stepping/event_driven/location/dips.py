@@ -148,9 +148,9 @@ class Dips:
         within = self._reach(before, duration, self._travel.reach(before, data.qvel, duration))
         if within <= self._near:
             return None
-        found, near = now.contact_set, now.pattern
+        found, near, count = now.contact_set, now.pattern, now.pattern.geom_contacts
         apart = self._detector.distances(data, within)
-        if apart is not None and (near.several or len(apart.distance) > near.geom_contacts):
+        if apart is not None and (near.several or len(apart.distance) > count):
             new = self._new(apart, phase.start)
             may_dip = self._may_dip(apart, phase.start.frames, before, duration).tolist() if new else []
             if new := [i for i in new if may_dip[i]]:
@@ -160,9 +160,9 @@ class Dips:
         sustained = trial.phase_end.sustained
         if found is now.contact_set and np.count_nonzero(sustained) == len(sustained):
             found = None
-        if near.geom_contacts == 0:
+        if count == 0:
             data.ncon = 0
-        elif data.ncon != near.geom_contacts:
+        elif data.ncon != count:
             self._detector.refresh(data, self._near, near)
         suspects = {} if found is None else self._suspects(found, trial)
         if not suspects:

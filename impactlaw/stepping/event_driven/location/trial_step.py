@@ -24,9 +24,11 @@ class TrialStep(NamedTuple):
     keep: Callable[[], PhaseEnd] | None = None
 
     @classmethod
-    def of(cls, phase: Phase, phase_end: PhaseEnd, keep: Callable[[], PhaseEnd] | None) -> TrialStep:
-        """Return the trial step for the contacts at the end of a phase, of which some are not held."""
+    def of(cls, phase: Phase, phase_end: PhaseEnd, keep: Callable[[], PhaseEnd] | None, far: float) -> TrialStep:
+        """Return the trial step for the contacts at the end of a phase; its gap is ``far``, m, if all are held."""
         opened = (~phase_end.sustained).nonzero()[0]
+        if not len(opened):
+            return cls(phase, phase_end, far, -1, keep)
         clear = _clear(phase_end.now.gap[opened], phase_end.known[opened], phase)
         least = int(clear.argmin())
         return cls(phase, phase_end, clear.item(least), opened.item(least), keep)

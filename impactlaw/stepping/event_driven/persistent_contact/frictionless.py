@@ -83,7 +83,7 @@ def _hold_velocity(phase_end: PhaseEnd, phase: Phase, velocity: np.ndarray, felt
 def _turned(phase_end: PhaseEnd, phase: Phase, held: np.ndarray) -> np.ndarray | None:
     """Return the rows of contacts at the start of the phase minus the current rows, (k, nv); None if they are equal."""
     start, contact_set, known = phase.start.contact_set, phase_end.now.contact_set, phase_end.known[held]
-    if not np.count_nonzero(known >= 0):
+    if not len(start.gap):
         return None
     difference = start.jacobian[known] - contact_set.jacobian[held]
     difference[known < 0] = 0.0

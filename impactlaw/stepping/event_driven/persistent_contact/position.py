@@ -120,10 +120,10 @@ def _correction(phase_end: PhaseEnd, shift: np.ndarray, phase: Phase, cuts: Cuts
             part = np.vstack([part, contact_set.whiten(cuts.jacobian)])
         p = _opening_impulse(part, least, phase.work)
         wanted = contact_set.configuration.jump(gradients, p)
-        more = ~sustained
-        if np.count_nonzero(more):
-            more &= stays(gap + J.dot(wanted - shift), phase_end.known, phase)
-        if not np.count_nonzero(more):
+        more = None
+        if len(rows) < len(gap):
+            more = ~sustained & stays(gap + J.dot(wanted - shift), phase_end.known, phase)
+        if more is None or not np.count_nonzero(more):
             active = np.zeros(len(gap), dtype=bool)
             active[rows[p[: len(rows)] > 0]] = True
             return Correction(sustained, active, wanted)
