@@ -118,6 +118,7 @@ def find_rest(phases: SmoothPhases, state: np.ndarray, end: ContactState) -> Res
     phases.advance(timestep)
     change = end.velocity - data.qvel
     configuration.restore(after)
+    configuration.update()
     phases.leave_contacts(end.pattern)
     force = configuration.momentum(change / timestep)
     return Rest(qpos, force, distance, speed, 2.0 * correction, end.pattern, data.contact.dist.copy())

@@ -109,8 +109,7 @@ class SmoothPhases:
         return ContactState.of(found, tolerance=self.tolerance, timestep=self.options.timestep)
 
     def leave_contacts(self, pattern: Pattern) -> None:
-        """Fill data.contact as `look` does, for a known pattern, without reading the contacts."""
-        self.configuration.refresh()
+        """Fill data.contact as `look` does, for a known pattern, without reading the contacts; frames are current."""
         self._detector.refresh(self.configuration.data, self._near, pattern)
 
     def frames(self) -> Frames | None:
