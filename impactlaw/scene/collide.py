@@ -24,7 +24,6 @@ class Cylinders(NamedTuple):
     is_cylinder: np.ndarray  # bool (ngeom,)
     is_long: np.ndarray  # whether a geom is a cylinder or a capsule, bool (ngeom,)
     is_straight: np.ndarray  # the same, or a box
-    long: np.ndarray  # cylinders and capsules
     on_faces: bool  # whether these can lie on the faces of boxes, meshes or height fields
     beside: bool  # whether any of these can touch along a line
 
@@ -37,20 +36,13 @@ def cylinders_of(model: mujoco.MjModel) -> Cylinders | None:
     if not beside and len(cylinders) == 0:
         return None
     on_faces = len(cylinders) > 0 and bool(np.isin(kind, [_BOX, *_PIECES]).any())
-    is_straight, long = is_long | (kind == _BOX), np.flatnonzero(is_long)
-    return Cylinders(planes, cylinders, is_cylinder, is_long, is_straight, long, on_faces, beside)
+    return Cylinders(planes, cylinders, is_cylinder, is_long, is_long | (kind == _BOX), on_faces, beside)
 
 
 def collide(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders | None, *, stands: bool) -> None:
     """Run MuJoCo's collision detection at the current frames (`update_positions`); replaces data.contact.
 
-    The contacts of cylinders on planes, boxes, meshes and each other are corrected.
-
-    Args:
-        model: the scene.
-        data: its state.
-        cylinders: the cylinders that can be in contact (`present`).
-        stands: whether some can stand on planes (`can_stand`).
+    With the result of `present`, the contacts of cylinders on planes, boxes, meshes and each other are corrected.
     """
     if stands and cylinders is not None:
         _find_standing(model, data, cylinders)
@@ -101,21 +93,12 @@ def _add(model: mujoco.MjModel, data: mujoco.MjData, ends: np.ndarray) -> None:
         added.dist, added.pos, added.frame = ends[k, 0], ends[k, 1:4], ends[k, 4:]
 
 
-def present(model: mujoco.MjModel, geoms: Cylinders | None) -> Cylinders | None:
-    """Return the cylinders of a scene, None if all belong to pictures: these have no contacts now."""
-    if geoms is None or model.npair > 0:
-        return geoms
-    masks = model.geom_contype | model.geom_conaffinity
-    return geoms if np.count_nonzero(masks[geoms.long]) else None
-
-
-def can_stand(model: mujoco.MjModel, geoms: Cylinders) -> bool:
-    """Return whether cylinders can stand on planes now; those of pictures have no contacts."""
-    if len(geoms.cylinders) == 0 or len(geoms.planes) == 0:
-        return False
-    masks = model.geom_contype | model.geom_conaffinity
-    some = np.count_nonzero(masks[geoms.planes]) and np.count_nonzero(masks[geoms.cylinders])
-    return model.npair > 0 or bool(some)
+def present(model: mujoco.MjModel, geoms: Cylinders) -> tuple[Cylinders | None, bool]:
+    """Return the cylinders if any can be in contact now (those of pictures cannot), and whether they can stand."""
+    meets = (model.geom_contype | model.geom_conaffinity != 0) | (model.npair > 0)
+    if not (meets & geoms.is_long).any():
+        return None, False
+    return geoms, bool(meets[geoms.planes].any() and meets[geoms.cylinders].any())
 
 
 def _find_contacts(model: mujoco.MjModel, data: mujoco.MjData) -> None:

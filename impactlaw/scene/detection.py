@@ -76,13 +76,8 @@ class Detector:
         self._has_bilateral = bool(self._bilateral.any())
         self._has_faces = faces
         self._has_limits, self._limits_of_rows = bool(self.limits), self.limits.of_rows
-        self.options = BorrowedOptions(
-            model,
-            convex=convex,
-            limits=self._limits_of_rows,
-            bilateral=self._has_bilateral,
-            cylinders=cylinders_of(model),
-        )
+        has = {"limits": self._limits_of_rows, "bilateral": self._has_bilateral}
+        self.options = BorrowedOptions(model, cylinders_of(model), convex=convex, **has)
         alone = not (self._has_limits or self._has_bilateral)
         self.patterns = Patterns(model, self.names, self.limits.labels, faces=faces, friction=friction, alone=alone)
         nothing = np.zeros((0, 2), int)

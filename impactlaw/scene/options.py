@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mujoco
 
-from impactlaw.scene.collide import Cylinders, can_stand, present
+from impactlaw.scene.collide import Cylinders, present
 from impactlaw.scene.joint_limits import slack_ropes
 from impactlaw.scene.tolerances import CCD_TOLERANCE, NEVER
 
@@ -26,10 +26,10 @@ class BorrowedOptions:
 
     Args:
         model: the scene.
+        cylinders: the cylinders of the scene whose contacts are to be corrected.
         convex: whether MuJoCo's general convex collider measures pairs of geoms; its tolerance is then tightened.
         limits: whether near limits of joints and tendons are to be read from constraint rows.
         bilateral: whether equality constraints take part in collisions.
-        cylinders: the cylinders of the scene whose contacts are to be corrected.
 
     Attributes:
         timestep: the user's time step, s.
@@ -42,7 +42,7 @@ class BorrowedOptions:
     """
 
     def __init__(
-        self, model: mujoco.MjModel, *, convex: bool, limits: bool, bilateral: bool, cylinders: Cylinders | None
+        self, model: mujoco.MjModel, cylinders: Cylinders | None, *, convex: bool, limits: bool, bilateral: bool
     ):
         self._model, self._all_cylinders = model, cylinders
         self._masks: tuple[bytes, bytes] = b"", b""  # masks of geoms that the next two attributes are for
@@ -62,8 +62,8 @@ class BorrowedOptions:
         if self._all_cylinders is not None:
             masks = self._model.geom_contype.tobytes(), self._model.geom_conaffinity.tobytes()
             if masks != self._masks:  # the first time, or they were changed
-                self._masks, self.cylinders = masks, present(self._model, self._all_cylinders)
-                self.stands = self.cylinders is not None and can_stand(self._model, self.cylinders)
+                self._masks = masks
+                self.cylinders, self.stands = present(self._model, self._all_cylinders)
         self._jacobian = opt.jacobian
         self._sparse = self._large if self._jacobian == _AUTO else self._jacobian != _DENSE
         self._smooth = disabled | _SMOOTH_OFF | _LIMIT, enabled & ~_SLEEP
