@@ -111,3 +111,52 @@ def test_a_wheel_that_climbs_a_curb_does_not_tip(kind, half, way):
     rest = 0.75 * (r * w * (1.0 - c / (1.5 * r))) ** 2 - 9.81 * (data.qpos[2] - r)
     assert -data.qvel[5] == pytest.approx(np.sqrt(rest / 0.75) / r, rel=1e-4 if way == "event-driven" else 0.01)
     assert collisions == 1 or way != "event-driven"
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_flat_end_touches_an_edge_along_a_chord(seed):
+    rng = np.random.default_rng(seed)
+    (r, length), half, turn = rng.uniform(0.02, 0.3, 2), rng.uniform(0.02, 0.3, 3), rng.uniform(0.05, 0.45) * np.pi
+    tilt, side = rng.normal() * 10.0 ** rng.uniform(-6, -3), rng.choice([-1.0, 1.0], 2)
+    out = np.array([*(side * np.array([np.cos(turn), np.sin(turn)])), tilt]) / np.hypot(1.0, tilt)
+    across = np.array([-out[1], out[0], 0.0]) / np.hypot(*out[:2])
+    edge = np.array([*(side * half[:2]), rng.uniform(-0.9, 0.9) * half[2]])
+    place, axis = edge + (length + 0.01) * out + rng.uniform(-0.9, 0.9) * r * across, rng.choice([-1.0, 1.0]) * out
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option ccd_tolerance="1e-12" ccd_iterations="200"/><worldbody>
+        <geom type="box" size="{half[0]} {half[1]} {half[2]}" margin=".1"/>
+        <body pos="{place[0]} {place[1]} {place[2]}"><freejoint/>
+        <geom type="cylinder" size="{r} {length}" zaxis="{axis[0]} {axis[1]} {axis[2]}"/></body></worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    contacts = read_contacts(model, data, within=0.1)
+    assert len(contacts) == 2
+    assert contacts.gap.min() == pytest.approx(mujoco.mj_geomDistance(model, data, 0, 1, 1.0, None) - SKIN, rel=1e-4)
+    np.testing.assert_allclose(np.abs(contacts.normal @ out), 1.0, rtol=0.0, atol=1e-9)
+    apart = np.diff(contacts.position, axis=0)[0]
+    assert np.linalg.norm(np.cross(apart, [0.0, 0.0, 1.0])) < 0.01 * np.linalg.norm(apart)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_puck_tips_over_the_edge_of_a_table_like_a_plate(way):
+    """It turns about the edge until it slides: its contacts stay closed, and it does not turn aside."""
+    r, half, over = 0.1, 0.02, 0.03
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option timestep="0.001" integrator="RK4"/><worldbody>
+        <geom type="box" size="1 1 .5" pos="-1 0 -.5"/><body pos="{over} 0 {half}"><freejoint/>
+        <geom type="cylinder" size="{r} {half}" mass="1" friction="2"/></body></worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    stepper, collisions = Stepper(model, Moreau(0.0), **WAYS[way]), 0
+    for _ in range(80):
+        stepper.step(data)
+        collisions += len(stepper.events)
+    turned = 2.0 * np.arctan2(data.qpos[5], data.qpos[3])
+    fallen = half - (half * np.cos(turned) - over * np.sin(turned))
+    inertia = r**2 / 4 + half**2 / 3 + half**2 + over**2
+    assert turned > 0.2
+    assert data.qvel[4] == pytest.approx(np.sqrt(2 * 9.81 * fallen / inertia), rel=1e-3)
+    np.testing.assert_allclose(data.qvel[[1, 3, 5]], 0.0, atol=1e-9)
+    assert collisions <= 1
+    assert stepper.short_steps == stepper.unlocated == 0

@@ -1,5 +1,7 @@
 """MuJoCo's contacts, corrected: cylinders and capsules that touch along a line, as pipes in a pile and wheels at curbs.
 
+The same for flat ends of cylinders on edges of boxes, which they touch along a chord, as pucks that tip over tables.
+
 MuJoCo has one contact point for two cylinders, or a cylinder and a capsule. If their axes are parallel, all points of
 the line along which they touch are equally near, and MuJoCo takes one of its ends. An impulse there tips bodies over.
 They therefore get a contact at each end of the line. So do capsules, which have both in MuJoCo only if their axes are
@@ -140,6 +142,15 @@ def _find_line(one, other):
 
 
 @plain
+def _write_place(point, normal, tangent, end):
+    """Write point and frame of a contact; see `END`."""
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        end[1 + i], end[4 + i], end[7 + i] = point[i], normal[i], tangent[i]
+        end[10 + i] = normal[j] * tangent[k] - normal[k] * tangent[j]
+
+
+@plain
 def _write_end(ends, touched, at, normal, toward, end):
     """Write gap, point and frame of a contact where the rim of one cylinder touches the side of another.
 
@@ -159,18 +170,60 @@ def _write_end(ends, touched, at, normal, toward, end):
     way, tilt = _plus(way, -_dot(way, along), along), _dot(normal, along)
     end[0] = toward * _dot(normal, way) - thickness * np.sqrt(1.0 - tilt * tilt)
     tangent = _unit(_plus(along, -tilt, normal))
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        end[1 + i] = point[i] + 0.5 * toward * end[0] * normal[i]
-        end[4 + i], end[7 + i] = normal[i], tangent[i]
-        end[10 + i] = normal[j] * tangent[k] - normal[k] * tangent[j]
+    _write_place(_plus(point, 0.5 * toward * end[0], normal), normal, tangent, end)
 
 
 @plain
-def _write_ends(shapes, one, other, first, second):
+def _supporting_edge(shapes, box, end):
+    """Return the edge of a box on which the flat end of a cylinder lies, see `_edge`, and the normal out of the end.
+
+    Of the edges that are nearest to the end, it is the one most parallel to it.
+    """
+    (_, size, place, turn), (_, _, _, center, axis), most = shapes, end, 0
+    sign = np.sign(_dot(axis, _plus(_row(place, box), -1.0, center)))
+    normal, middle = (sign * axis[0], sign * axis[1], sign * axis[2]), _row(place, box)
+    for i in range(3):
+        if abs(_dot(_axis(turn, box, i), axis)) < abs(_dot(_axis(turn, box, most), axis)):
+            most = i
+    for i in range(3):
+        out = _axis(turn, box, i)
+        middle = _plus(middle, 0.0 if i == most else -np.sign(_dot(out, normal)) * size[box, i], out)
+    return middle, size[box, most], _axis(turn, box, most), normal
+
+
+@plain
+def _write_chord(shapes, one, box, first, second):
+    """Write the contacts at both ends of the chord along which the flat end of a cylinder touches an edge of a box.
+
+    Return 0 if it does not, and otherwise 2. Where the end is beyond the whole box, their gaps are exact.
+    """
+    end = _rod(shapes, one)
+    flat, radius, length, center, axis = end
+    middle, half, along, normal = _supporting_edge(shapes, box, end)
+    start, tilt = _plus(middle, -1.0, center), _dot(along, normal)
+    aside, across = _plus(start, -_dot(start, axis), axis), _plus(along, -tilt, normal)
+    square, part = _dot(across, across), _dot(aside, across)
+    room = part * part - square * (_dot(aside, aside) - radius * radius)
+    if not flat or abs(tilt) > SIDE_BY_SIDE or room <= 0.0:
+        return 0
+    low, high = max((-part - np.sqrt(room)) / square, -half), min((-part + np.sqrt(room)) / square, half)
+    gap = _dot(start, normal) - length + min(low * tilt, high * tilt)
+    inside = radius - np.sqrt(max(0.0, radius * radius - room / square))
+    if high - low < SHORT_LINE * radius or gap < -inside:
+        return 0
+    for at, write in ((low, first), (high, second)):
+        point = _plus(middle, at, along)
+        write[0] = _dot(_plus(point, -1.0, center), normal) - length
+        _write_place(_plus(point, -0.5 * write[0], normal), normal, _unit(across), write)
+    return 2
+
+
+@plain
+def _write_ends(shapes, one, other, single, first, second):
     """Write the contacts at both ends of the line along which two geoms touch.
 
-    Return 0 if they do not, 1 if the line is a point, and otherwise 2.
+    Return 0 if they do not, 1 if the line is a point, and otherwise 2. Flat ends that touch an edge of a box count if
+    MuJoCo has a `single` contact there: it has several points where they lie on a face.
     """
     rod = _rod(shapes, one)
     beside = _rod(shapes, other) if shapes[0][other] != _BOX else _edge(shapes, other, rod)
@@ -181,7 +234,7 @@ def _write_ends(shapes, one, other, first, second):
     low, high, normal = _find_line(rod, beside)
     off = shapes[0][other] == _BOX and _is_off_edge(shapes, other, beside, normal)
     if _dot(normal, normal) == 0.0 or off:
-        return 0
+        return _write_chord(shapes, one, other, first, second) if single and shapes[0][other] == _BOX else 0
     there, half = _dot(a, _plus(beside[3], -1.0, rod[3])), _dot(a, b) * beside[2]
     if low > there - half:
         _write_end(rod, beside, low, normal, 1.0, first)
@@ -201,7 +254,7 @@ def line_gap(shapes, one, other):
     MuJoCo's own distance is wrong by up to 3e-4 m where the gap is smaller than some 1e-8 m.
     """
     ends = numbers(2 * END)
-    if not _can_lie(shapes[0], one, other) or _write_ends(shapes, one, other, ends[:END], ends[END:]) == 0:
+    if not _can_lie(shapes[0], one, other) or _write_ends(shapes, one, other, True, ends[:END], ends[END:]) == 0:
         return -np.inf
     return min(ends[0], ends[END])
 
@@ -237,7 +290,7 @@ def find_ends(shapes, geom, reach, dist, pos, frame, first):
         both = several and one >= 0 and other >= 0 and kind[one] == CAPSULE and kind[other] == CAPSULE
         ends = 0
         if _can_lie(kind, one, other) and not both:
-            ends = _write_ends(shapes, one, other, first[k], second)
+            ends = _write_ends(shapes, one, other, not several, first[k], second)
         if ends == 0:
             first[k, 0] = np.nan
             continue
