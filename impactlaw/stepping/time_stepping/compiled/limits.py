@@ -55,7 +55,8 @@ def narrow_limits(w, gained):
 def passes_limit(w, middle, reach, shift, opens):
     """Return whether velocities lead past a limit that was not found, within a time, s, from the midpoint, (nq,).
 
-    If a step `opens` overlaps, joints also move by ``shift``, (nv,), during a timestep.
+    If a step `opens` overlaps, joints also move by ``shift``, (nv,), during a timestep. Limits count that the velocity
+    alone leads past, too: with their rows, they would take part, as in Python.
     """
     joints, qvel = size(w, MODEL.njnt), velocity_of(w)
     kind, dof = model_ints(w, MODEL.jnt_type, joints), model_ints(w, MODEL.jnt_dofadr, joints)
@@ -64,10 +65,8 @@ def passes_limit(w, middle, reach, shift, opens):
     for j in range(joints):
         if limited[j] == 0 or (kind[j] != _SLIDE and kind[j] != _HINGE):
             continue
-        now, moved = middle[place[j]], reach * qvel[dof[j]]
-        if opens:
-            moved += w.timestep * shift[dof[j]]
-        lower, upper = now - ends[2 * j], ends[2 * j + 1] - now
-        if (lower >= margin[j] and lower + moved < 0.0) or (upper >= margin[j] and upper - moved < 0.0):
+        now, moved, more = middle[place[j]], reach * qvel[dof[j]], w.timestep * shift[dof[j]] if opens else 0.0
+        lower, upper, down, up = now - ends[2 * j], ends[2 * j + 1] - now, min(0.0, more), max(0.0, more)
+        if (lower >= margin[j] and lower + moved + down < 0.0) or (upper >= margin[j] and upper - moved - up < 0.0):
             return True
     return False
