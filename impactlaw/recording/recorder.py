@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import json
+import numbers
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Self
@@ -55,7 +56,8 @@ class Recorder:
 
     Raises:
         SceneError: model is not a `mujoco.MjModel`.
-        RecordingError: the file cannot be written, rerun is switched off, or there is no display to view on.
+        RecordingError: the file cannot be written, an argument is no plain value, rerun is switched off, or there is no
+            display to view on.
     """
 
     def __init__(
@@ -78,6 +80,7 @@ class Recorder:
         self._time, self._offset = -np.inf, 0.0
         self._sizes = model.nq, model.nv
         properties = run_properties(model, law=law, restitution=restitution, scene=scene, seed=seed)
+        texts = {name: _plain_text(name, value) for name, value in properties.items()}
         groups = read_geometry(model)
         self._frames = Frames(model, groups)
         arrow_scale = _ARROW_TIME / (model.stat.meanmass or 1.0)
@@ -86,7 +89,7 @@ class Recorder:
         stream = _new_stream()
         self._file = RecordingFile(self.path, stream, self._frames, self._marks, self._collisions)
         self._file.open(model, view=view)
-        self._log_once(stream, groups, body_names(model), properties)
+        self._log_once(stream, groups, body_names(model), texts)
         self._file.sync()
         self._end = self._file.end_with(self)
 
@@ -122,14 +125,17 @@ class Recorder:
             generator: state of the random generator from which the episode was drawn, as plain values.
             settings: law and options of its steps, as plain values.
             made: description of how the environment was made, as plain values.
+
+        Raises:
+            RecordingError: number or seed is not a whole number, or one of the others is not a mapping of plain values.
         """
-        self._told = True
         plain = {"generator": generator, "settings": settings, "made": made}
         self._coming = {
-            "number": self._episode + 1 if number is None else int(number),
-            "seed": None if seed is None else int(seed),
-            **{name: None if value is None else json.dumps(dict(value)) for name, value in plain.items()},
+            "number": self._episode + 1 if number is None else _whole("number", number),
+            "seed": None if seed is None else _whole("seed", seed),
+            **{name: None if value is None else _mapping(name, value) for name, value in plain.items()},
         }
+        self._told = True
 
     def change_law(self, law: Any, value: Any = None) -> None:
         """Change the law from the next frame on, within the episode.
@@ -137,17 +143,24 @@ class Recorder:
         Args:
             law: a `Law` or its name.
             value: the law as plain values.
+
+        Raises:
+            RecordingError: value does not consist of plain values.
         """
+        plain = None if value is None else _plain_text("value", value)
         self.law = law
-        self._changes[layout.CHANGES] = {"law": self.law, "value": None if value is None else json.dumps(value)}
+        self._changes[layout.CHANGES] = {"law": self.law, "value": plain}
 
     def change_model(self, made: Mapping[str, Any]) -> None:
         """Record that the model was changed within the episode, from the next frame on.
 
         Args:
             made: description of how the environment steps now, as for `begin_episode`.
+
+        Raises:
+            RecordingError: made is not a mapping of plain values.
         """
-        self._changes[layout.MODELS] = {"made": json.dumps(dict(made))}
+        self._changes[layout.MODELS] = {"made": _mapping("made", made)}
 
     def end_step(self, action: Any, reward: Any, *, terminated: bool = False, truncated: bool = False) -> None:
         """Record action, reward and end of an environment step, whose last timestep is the last frame.
@@ -223,7 +236,7 @@ class Recorder:
             self._marks.add(path, file.clock, file.step, cells)
         self._changes.clear()
 
-    def _log_once(self, stream: Any, groups: list[Group], bodies: list[str], properties: dict[str, Any]) -> None:
+    def _log_once(self, stream: Any, groups: list[Group], bodies: list[str], texts: dict[str, str]) -> None:
         import rerun as rr
 
         for group in groups:
@@ -233,7 +246,6 @@ class Recorder:
             if group.fixed:
                 stream.log(group.path, self._frames.initial_pose(group), static=True, strict=True)
         viewer.log_styles(stream)
-        texts = {name: json.dumps(value) for name, value in properties.items()}
         stream.send_property(layout.PROPERTIES, rr.AnyValues(drop_untyped_nones=True, **texts))
 
 
@@ -247,6 +259,30 @@ def _checked(data: Any, events: Any, contacts: Any) -> tuple[ImpactEvent, ...]:
     if contacts is not None and not isinstance(contacts, Contacts):
         raise RecordingError(f"the contacts of a step are impactlaw.Contacts, got {contacts!r:.80}")
     return told
+
+
+def _whole(name: str, value: Any) -> int:
+    """Return the number or the seed of an episode, which rerun stores in 64 bits."""
+    if not isinstance(value, numbers.Integral) or not -(2**63) <= int(value) < 2**63:
+        raise RecordingError(f"the {name} of an episode is a whole number of at most 64 bits, got {value!r:.80}")
+    return int(value)
+
+
+def _mapping(name: str, value: Any) -> str:
+    """Return a mapping of plain values as JSON."""
+    if not isinstance(value, Mapping):
+        raise RecordingError(f"a recording takes a mapping of plain values as {name}, got {value!r:.80}")
+    return _plain_text(name, dict(value))
+
+
+def _plain_text(name: str, value: Any) -> str:
+    """Return plain values as JSON."""
+    try:
+        return json.dumps(value)
+    except (TypeError, ValueError) as error:
+        raise RecordingError(
+            f"a recording takes plain values as {name} (numbers, texts, lists, mappings), got {value!r:.80}: {error}"
+        ) from None
 
 
 def _new_stream() -> Any:
