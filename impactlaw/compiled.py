@@ -66,6 +66,7 @@ _ALSO = (
     "scene/equality_constraints.py",
     "scene/corrected/rounding.py",
     "scene/corrected/hidden_edges.py",
+    "scene/corrected/edge_on_face.py",
     "scene/corrected/side_by_side.py",
     "stepping/soft/tolerances.py",
     "solvers/friction/single_contact.py",

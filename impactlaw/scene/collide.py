@@ -17,7 +17,7 @@ _PLANE, _CYLINDER, _CAPSULE, _BOX, *_PIECES = (
 
 
 class Cylinders(NamedTuple):
-    """The geoms of a scene that matter for the contacts of cylinders and capsules which `collide` corrects."""
+    """The geoms of a scene that matter for the contacts of cylinders, capsules and boxes which `collide` corrects."""
 
     planes: np.ndarray  # on which cylinders can stand
     cylinders: np.ndarray
@@ -29,7 +29,7 @@ class Cylinders(NamedTuple):
 
 
 def cylinders_of(model: mujoco.MjModel) -> Cylinders | None:
-    """Return the planes and cylinders of a scene; None if it has no cylinders, nor capsules that touch side by side."""
+    """Return the planes and cylinders of a scene; None if it has no cylinders, nor geoms that touch along a line."""
     kind, beside = model.geom_type, some_side_by_side(model)
     is_cylinder, is_long = kind == _CYLINDER, (kind == _CYLINDER) | (kind == _CAPSULE)
     planes, cylinders = np.flatnonzero(kind == _PLANE), np.flatnonzero(is_cylinder)
@@ -56,12 +56,21 @@ def collide(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders | N
         from impactlaw.scene.corrected.rounding import put_on_axes
 
         put_on_axes(*_shapes(model, data), geoms, data.contact.pos, data.contact.frame)
-    if cylinders.beside and np.count_nonzero(cylinders.is_long[geoms[:, 0]] & cylinders.is_straight[geoms[:, 1]]):
+    if cylinders.beside and _some_on_lines(cylinders, geoms):
         from impactlaw.scene.corrected.side_by_side import END, find_ends_of_lines
 
         found, first = data.contact, np.empty((data.ncon + 1, END))
         find_ends_of_lines(_shapes(model, data), geoms, found.includemargin, found.dist, found.pos, found.frame, first)
         _add(model, data, first)
+
+
+def _some_on_lines(cylinders: Cylinders, geoms: np.ndarray) -> bool:
+    """Return whether any contact can lie on a line: of a cylinder or capsule, or the only one of two boxes."""
+    straight = cylinders.is_straight[geoms].all(axis=1)
+    if not np.count_nonzero(straight) or np.count_nonzero(cylinders.is_long[geoms[straight]]):
+        return bool(np.count_nonzero(straight))
+    again = (geoms[1:] == geoms[:-1]).all(axis=1)
+    return bool(np.count_nonzero(straight & ~np.append(again, False) & ~np.append(False, again)))
 
 
 def _shapes(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarray, ...]:
@@ -96,7 +105,7 @@ def _add(model: mujoco.MjModel, data: mujoco.MjData, ends: np.ndarray) -> None:
 def present(model: mujoco.MjModel, geoms: Cylinders) -> tuple[Cylinders | None, bool]:
     """Return the cylinders if any can be in contact now (those of pictures cannot), and whether they can stand."""
     meets = (model.geom_contype | model.geom_conaffinity != 0) | (model.npair > 0)
-    if not (meets & geoms.is_long).any():
+    if not (meets & geoms.is_straight).any():
         return None, False
     return geoms, bool(meets[geoms.planes].any() and meets[geoms.cylinders].any())
 

@@ -106,9 +106,8 @@ def several_contacts(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
 
 
 def some_side_by_side(model: mujoco.MjModel) -> bool:
-    """Return whether cylinders or capsules of a scene can touch each other or an edge of a box along a line.
+    """Return whether cylinders, capsules or boxes of a scene can touch each other along a line.
 
     Masks that are changed later may let them.
     """
-    rods, boxes = (model.body_weldid[model.geom_bodyid[of[model.geom_type]]] for of in (_ROD, _BOX))
-    return len(np.union1d(rods, boxes)) > 1 and bool(len(rods))
+    return len(np.unique(model.body_weldid[model.geom_bodyid[(_ROD | _BOX)[model.geom_type]]])) > 1

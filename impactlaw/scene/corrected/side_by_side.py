@@ -19,6 +19,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.compiled import for_python
+from impactlaw.scene.corrected.edge_on_face import other_end
 from impactlaw.scene.tolerances import CROSSED, CROSSES, SHORT_LINE, SIDE_BY_SIDE, SUNK_IN, THIN_LINE
 from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain
 
@@ -65,11 +66,17 @@ def _can_lie(kind, one, other):
 
 
 @plain
+def _are_boxes(kind, one, other):
+    return one >= 0 and other >= 0 and kind[one] == _BOX and kind[other] == _BOX
+
+
+@plain
 def some_can_lie(kind, geom):
     """Return whether any contacts, with geoms (ncon, 2), are those of geoms that can touch along a line."""
     some = False
     for k in range(len(geom)):
-        some = some or _can_lie(kind, geom[k, 0], geom[k, 1])
+        one, other = geom[k, 0], geom[k, 1]
+        some = some or _can_lie(kind, one, other) or _are_boxes(kind, one, other)
     return some
 
 
@@ -247,6 +254,25 @@ def _write_ends(shapes, one, other, single, first, second):
     return 1 if low == high else 2
 
 
+@plain
+def _write_both(shapes, geom, found, first, second):
+    """Write MuJoCo's only contact of two boxes, and that at the other end of an edge on a face; return 0 or 2."""
+    dist, pos, frame = found
+    side = other_end(shapes, geom, dist, pos, frame, second)
+    if side == 0.0:
+        return 0
+    if side < 0.0:
+        for i in range(END):
+            first[i] = second[i]
+    own = first if side > 0.0 else second
+    own[0] = dist
+    for i in range(3):
+        own[1 + i] = pos[i]
+    for i in range(9):
+        own[4 + i] = frame[i]
+    return 2
+
+
 @kernel
 def line_gap(shapes, one, other):
     """Return the gap of two geoms that touch along a line, m; minus infinity for others.
@@ -291,6 +317,8 @@ def find_ends(shapes, geom, reach, dist, pos, frame, first):
         ends = 0
         if _can_lie(kind, one, other) and not both:
             ends = _write_ends(shapes, one, other, not several, first[k], second)
+        elif _are_boxes(kind, one, other) and not several:
+            ends = _write_both(shapes, geom[k], (dist[k], pos[k], frame[k]), first[k], second)
         if ends == 0:
             first[k, 0] = np.nan
             continue
