@@ -1,4 +1,4 @@
-"""MuJoCo's collision detection, with the contacts of cylinders corrected that stand on planes or touch along a line."""
+"""MuJoCo's collision detection, with corrected contacts of cylinders on planes and of geoms that touch along a line."""
 
 from __future__ import annotations
 

@@ -293,10 +293,10 @@ def _is_again(geom, k):
 
 @plain
 def find_ends(shapes, geom, reach, dist, pos, frame, first):
-    """Put contacts of cylinders that touch with their sides at second ends of lines; return whether any moves.
+    """Put contacts of geoms that touch along a line at its second end; return whether any moves.
 
-    Capsules that are exactly parallel have both ends in MuJoCo. Where a side touches an edge of a box, MuJoCo may have
-    found several contacts, which are put at both ends in turn.
+    For boxes see `edge_on_face`. Capsules that are exactly parallel have both ends in MuJoCo. Where a side touches an
+    edge of a box, MuJoCo may have found several contacts, which are put at both ends in turn.
 
     Args:
         shapes: MuJoCo's geom_type, geom_size, geom_xpos and geom_xmat.

@@ -33,7 +33,7 @@ class TemporaryOptions:
         integrator: MuJoCo's integrator for the forces without contact.
         sticks: whether bodies can stick across gaps.
         stands: whether cylinders can stand on planes.
-        beside: whether cylinders can touch side by side.
+        beside: whether cylinders or boxes can touch along a line.
     """
 
     def __init__(self, model: mujoco.MjModel):

@@ -1,10 +1,10 @@
-"""Nearest points that MuJoCo's contacts lack, and both ends of lines along which cylinders touch.
+"""Nearest points that MuJoCo's contacts lack, and both ends of lines along which cylinders or boxes touch.
 
 Of the corners that two faces share, MuJoCo keeps four which span a large area, and cylinders have corners, too. The
 nearest point of two geoms may therefore be missing. It then replaces one of their contacts. So it does where MuJoCo
 takes faces for parallel that are not quite so: it gives an edge beside the common part of these faces the normal of one
-of them, which is wrong by up to 5 degrees. Cylinders that touch along a line get a contact at each of its ends, see
-`scene.corrected.side_by_side`.
+of them, which is wrong by up to 5 degrees. Cylinders and boxes that touch along a line get a contact at each of its
+ends, see `scene.corrected.side_by_side` and `edge_on_face`.
 """
 
 from __future__ import annotations
@@ -170,7 +170,7 @@ def _insert(dist, pos, frame, stride, first, many):
 
 @kernel
 def add_ends(contacts, reach, shapes, at):
-    """Give cylinders that touch along a line a contact at each end of it; return whether anything was changed.
+    """Give geoms that touch along a line a contact at each end of it; return whether anything was changed.
 
     Rows of constraints must be made again if so. Where MuJoCo has no room, which it counts, lines keep one contact.
 
