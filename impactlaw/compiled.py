@@ -24,8 +24,8 @@ from impactlaw.errors import UncompilableError
 from impactlaw.locks import HAS_LOCKS, alone
 
 _NEEDED = (
-    "time stepping, batches, contacts with friction that collide together, cylinders, capsules at boxes, and the laws "
-    "routh and compliant need it"
+    "time stepping, batches, contacts with friction that collide together, cylinders, capsules at boxes, edges and "
+    "corners of boxes at boxes, and the laws routh and compliant need it"
 )
 
 try:
