@@ -115,15 +115,22 @@ def test_a_collision_with_several_solutions_creates_no_energy(hip, angle, speed,
 
 
 @pytest.mark.parametrize(
-    ("angle", "speed"), [((0.04, 3.57, -2.82), (12.0, -44.0)), ((-0.28, 3.59, -2.81), (-4.0, -31.0))]
+    ("hip", "angle", "speed"),
+    [
+        ("sphere", (0.04, 3.57, -2.82), (12.0, -44.0)),
+        ("sphere", (-0.28, 3.59, -2.81), (-4.0, -31.0)),
+        ("ellipsoid", (0.03, 3.4, -2.79), (13.0, -37.0)),
+    ],
 )
-def test_an_event_tells_which_of_several_solutions_the_step_took(angle, speed):
+def test_event_and_sums_tell_which_of_several_solutions_the_step_took(hip, angle, speed):
     """Regression: by itself the event found another solution, or the one with E = 0, and told .8 of the speed wrong."""
-    model = mujoco.MjModel.from_xml_string(FOLDED_LEG.format("sphere"))
+    model = mujoco.MjModel.from_xml_string(FOLDED_LEG.format(hip))
     data = mujoco.MjData(model)
     data.qpos[7:], data.qvel[7:] = angle, speed
     stepper = Stepper(model, Moreau(0.8), scheme="time-stepping")
     stepper.step(data)
+    change = stepper.sums.energy_change
     (event,) = stepper.events
     assert event.impact.restitution_scale > 0.0
     np.testing.assert_allclose(event.impact.post_velocity, data.qvel, atol=0.01 * abs(speed[1]))
+    assert abs(change - event.impact.energy_change) < 1e-3 * event.impact.collision.kinetic_energy

@@ -91,6 +91,9 @@ def add_collision(w, rows, answer, share, metric, velocity, sums):
         return
     x, z, left = zeros(n), numbers(w.nv), zeros(1)
     left[0] = 1.0
+    for g in members:  # of several solutions, the one that the step took
+        for r in range(rows.groups[0, g], rows.groups[0, g] + rows.groups[1, g]):
+            x[r] = answer.x[r]
     residual, _ = linked_improve(
         rows.sparse[0], rows.sparse[1], rows.colind, rows.value, tree, firsts, sizes, kinds, zeros(many),
         zeros(n), b, setting(w, SETTING.exact) != 0.0, _TOLERANCE, _ROUNDS, left, x, z,
