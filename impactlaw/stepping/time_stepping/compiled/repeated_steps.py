@@ -42,8 +42,8 @@ class StepRepeater:
 
     def told(self, numbers: np.ndarray) -> ImpactSums | None:
         """Return the sums that a step has computed, if it was to; None if only events give them."""
-        count, energy, intensity, *many = numbers[MEMORY.sums : MEMORY.sums + SUMS].tolist()
-        return ImpactSums(int(count), energy, 0.0, intensity, *map(int, many)) if count > 0.0 else None
+        count, energy, own, intensity, *many = numbers[MEMORY.sums : MEMORY.sums + SUMS].tolist()
+        return ImpactSums(int(count), energy, own, intensity, *map(int, many)) if count > 0.0 else None
 
     def sums(self, state: np.ndarray, numbers: np.ndarray, impulses: bytes) -> ImpactSums | None:
         """Return the sums over the collisions of a step; None if only events give them. Later steps compute theirs."""
