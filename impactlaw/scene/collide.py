@@ -22,8 +22,8 @@ class Cylinders(NamedTuple):
     planes: np.ndarray  # on which cylinders can stand
     cylinders: np.ndarray
     is_cylinder: np.ndarray  # bool (ngeom,)
-    is_long: np.ndarray  # whether a geom is a cylinder or a capsule, bool (ngeom,)
-    is_straight: np.ndarray  # the same, or a box
+    is_straight: np.ndarray  # whether a geom is a cylinder, a capsule or a box, bool (ngeom,)
+    lines: tuple[int, ...]  # for each geom 2 for a cylinder or a capsule, 1 for a box, else 0
     on_faces: bool  # whether these can lie on the faces of boxes, meshes or height fields
     beside: bool  # whether any of these can touch along a line
 
@@ -36,7 +36,8 @@ def cylinders_of(model: mujoco.MjModel) -> Cylinders | None:
     if not beside and len(cylinders) == 0:
         return None
     on_faces = len(cylinders) > 0 and bool(np.isin(kind, [_BOX, *_PIECES]).any())
-    return Cylinders(planes, cylinders, is_cylinder, is_long, is_long | (kind == _BOX), on_faces, beside)
+    lines = 2 * is_long + (kind == _BOX)
+    return Cylinders(planes, cylinders, is_cylinder, lines > 0, tuple(lines.tolist()), on_faces, beside)
 
 
 def collide(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders | None, *, stands: bool) -> None:
@@ -56,7 +57,7 @@ def collide(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders | N
         from impactlaw.scene.corrected.rounding import put_on_axes
 
         put_on_axes(*_shapes(model, data), geoms, data.contact.pos, data.contact.frame)
-    if cylinders.beside and _some_on_lines(cylinders, geoms):
+    if cylinders.beside and _some_on_lines(cylinders.lines, geoms):
         from impactlaw.scene.corrected.side_by_side import END, find_ends_of_lines
 
         found, first = data.contact, np.empty((data.ncon + 1, END))
@@ -64,13 +65,14 @@ def collide(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders | N
         _add(model, data, first)
 
 
-def _some_on_lines(cylinders: Cylinders, geoms: np.ndarray) -> bool:
+def _some_on_lines(lines: tuple[int, ...], geoms: np.ndarray) -> bool:
     """Return whether any contact can lie on a line: of a cylinder or capsule, or the only one of two boxes."""
-    straight = cylinders.is_straight[geoms].all(axis=1)
-    if not np.count_nonzero(straight) or np.count_nonzero(cylinders.is_long[geoms[straight]]):
-        return bool(np.count_nonzero(straight))
-    again = (geoms[1:] == geoms[:-1]).all(axis=1)
-    return bool(np.count_nonzero(straight & ~np.append(again, False) & ~np.append(False, again)))
+    pairs = geoms.tolist()
+    for k, pair in enumerate(pairs):
+        both = lines[pair[0]] * lines[pair[1]]
+        if both > 1 or (both == 1 and pair not in (*pairs[max(k - 1, 0) : k], *pairs[k + 1 : k + 2])):
+            return True
+    return False
 
 
 def _shapes(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarray, ...]:
@@ -107,7 +109,9 @@ def present(model: mujoco.MjModel, geoms: Cylinders) -> tuple[Cylinders | None, 
     meets = (model.geom_contype | model.geom_conaffinity != 0) | (model.npair > 0)
     if not (meets & geoms.is_straight).any():
         return None, False
-    return geoms, bool(meets[geoms.planes].any() and meets[geoms.cylinders].any())
+    if not meets[geoms.cylinders].any():
+        return geoms._replace(on_faces=False), False
+    return geoms, bool(meets[geoms.planes].any())
 
 
 def _find_contacts(model: mujoco.MjModel, data: mujoco.MjData) -> None:
