@@ -211,6 +211,7 @@ def compiled(*signature: Any, counts: bool = True, python: bool = True) -> Calla
     return decorate
 
 
+@cache
 def for_python(part: Any) -> Any:
     """Return a function that Python calls, compiled from one that only compiled functions call, see `loops.plain`."""
     return compiled()(part.py_func)

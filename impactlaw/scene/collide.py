@@ -54,14 +54,17 @@ def collide(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders | N
     geoms = data.contact.geom
     # imports of compiled code, which reading other scenes should not load
     if cylinders.on_faces and np.count_nonzero(cylinders.is_cylinder[geoms]):
-        from impactlaw.scene.corrected.rounding import put_on_axes
+        from impactlaw.compiled import for_python
+        from impactlaw.scene.corrected.rounding import meet_axes
 
-        put_on_axes(*_shapes(model, data), geoms, data.contact.pos, data.contact.frame)
+        for_python(meet_axes)(*_shapes(model, data), geoms, data.contact.pos, data.contact.frame)
     if cylinders.beside and _some_on_lines(cylinders.lines, geoms):
-        from impactlaw.scene.corrected.side_by_side import END, find_ends_of_lines
+        from impactlaw.compiled import for_python
+        from impactlaw.scene.corrected.side_by_side import END, find_ends
 
         found, first = data.contact, np.empty((data.ncon + 1, END))
-        find_ends_of_lines(_shapes(model, data), geoms, found.includemargin, found.dist, found.pos, found.frame, first)
+        places = found.dist, found.pos, found.frame
+        for_python(find_ends)(_shapes(model, data), geoms, found.includemargin, *places, first)
         _add(model, data, first)
 
 
@@ -82,7 +85,8 @@ def _shapes(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarray, ...
 def _find_standing(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders) -> None:
     """Find contacts, those of cylinders that stand on planes with the right distances."""
     # compiled code, which reading other scenes should not load
-    from impactlaw.scene.corrected.rounding import align, measure_again
+    from impactlaw.compiled import for_python
+    from impactlaw.scene.corrected.rounding import align, measure_standing
 
     frames = data.geom_xmat.copy()
     try:
@@ -92,7 +96,7 @@ def _find_standing(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylind
         data.geom_xmat[:] = frames
     if data.ncon:
         found = data.contact
-        measure_again(*_shapes(model, data), found.geom, found.dist, found.pos, found.frame)
+        for_python(measure_standing)(*_shapes(model, data), found.geom, found.dist, found.pos, found.frame)
 
 
 def _add(model: mujoco.MjModel, data: mujoco.MjData, ends: np.ndarray) -> None:

@@ -184,9 +184,10 @@ def _straighten(frame: np.ndarray) -> np.ndarray:
     skew = np.flatnonzero(np.abs(np.vecdot(frame[:, :3], frame[:, 3:6])) > ORTHOGONAL)
     if len(skew):
         # compiled code, which reading a scene should not load
-        from impactlaw.scene.corrected.rounding import straighten
+        from impactlaw.compiled import for_python
+        from impactlaw.scene.corrected.rounding import make_orthogonal
 
-        straighten(frame)
+        for_python(make_orthogonal)(frame)
     return skew
 
 

@@ -19,23 +19,19 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.compiled import compiled, for_python
+from impactlaw.compiled import compiled
 from impactlaw.scene.tolerances import MISSES_AXIS, ORTHOGONAL, PARALLEL, ROUNDED, SAME_NORMAL, STANDS, UPRIGHT
 from impactlaw.solvers.cones.algebra.loops import plain
+from impactlaw.solvers.cones.algebra.vectors import across, axis_of, cross, dot, minus, plus, row, times, unit, write
 
 _PLANE, _CYLINDER = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
 _BOX, _MESH, _FIELD = (int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("BOX", "MESH", "HFIELD"))
 
 
 @plain
-def _product(frame, k, i, j):
-    return frame[k, i] * frame[k, j] + frame[k, i + 1] * frame[k, j + 1] + frame[k, i + 2] * frame[k, j + 2]
-
-
-@plain
 def is_orthogonal(frame, k):
     """Return whether the first tangent of contact k is in the tangent plane."""
-    return abs(_product(frame, k, 0, 3)) <= ORTHOGONAL
+    return abs(dot(frame[k], frame[k, 3:])) <= ORTHOGONAL
 
 
 @plain
@@ -51,24 +47,17 @@ def make_orthogonal(frame):
     for k in range(len(frame)):
         if is_orthogonal(frame, k):
             continue
-        along, some, least = _product(frame, k, 0, 3), True, 0
+        normal, some, least = row(frame, k), True, 0
         for i in range(3):
-            frame[k, 3 + i] -= along * frame[k, i]
-            least = i if abs(frame[k, i]) < abs(frame[k, least]) else least
-        if _product(frame, k, 3, 3) < 0.25:
-            for i in range(3):
-                frame[k, 3 + i] = (1.0 if i == least else 0.0) - frame[k, least] * frame[k, i]
-        length = np.sqrt(_product(frame, k, 3, 3))
-        for i in range(3):
-            frame[k, 3 + i] /= length
-        for i in range(3):  # the second tangent is the vector product of the normal and the first
-            a, b = (i + 1) % 3, (i + 2) % 3
-            frame[k, 6 + i] = frame[k, a] * frame[k, 3 + b] - frame[k, b] * frame[k, 3 + a]
+            least = i if abs(normal[i]) < abs(normal[least]) else least
+        tangent = across(frame[k, 3:], normal)
+        if dot(tangent, tangent) < 0.25:
+            tangent = times(-normal[least], normal)
+            tangent = plus(tangent, 1.0, (1.0 * (least == 0), 1.0 * (least == 1), 1.0 * (least == 2)))
+        tangent = unit(tangent)
+        write(tangent, frame[k, 3:])
+        write(cross(normal, tangent), frame[k, 6:])
     return some
-
-
-straighten = for_python(make_orthogonal)
-"""The form of `make_orthogonal` that Python calls."""
 
 
 @plain
@@ -92,30 +81,19 @@ def measure_standing(kind, size, place, turn, geom, dist, pos, frame):
         plane, own = geom[k, 0], geom[k, 1]
         if plane < 0 or own < 0 or kind[plane] != _PLANE or kind[own] != _CYLINDER:
             continue
-        cosine, along, out = 0.0, 0.0, 0.0
-        for i in range(3):
-            cosine += turn[own, 3 * i + 2] * frame[k, i]
-            along += turn[own, 3 * i + 2] * (pos[k, i] - place[own, i])
+        axis, normal, center = axis_of(turn, own, 2), row(frame, k), row(place, own)
+        arm, cosine = minus(row(pos, k), center), dot(axis, normal)
         if abs(cosine) < STANDS:
             continue
-        for i in range(3):
-            out += (pos[k, i] - place[own, i] - along * turn[own, 3 * i + 2]) ** 2
-        scale, end, gap = size[own, 0] / np.sqrt(out), np.sign(along) * size[own, 1], 0.0
-        end -= scale * along
-        for i in range(3):
-            point = place[own, i] + end * turn[own, 3 * i + 2] + scale * (pos[k, i] - place[own, i])
-            gap += (point - place[plane, i]) * frame[k, i]
-        if abs(gap - dist[k]) <= ROUNDED:
-            continue
-        changed, dist[k] = True, gap
-        for i in range(3):
-            point = place[own, i] + end * turn[own, 3 * i + 2] + scale * (pos[k, i] - place[own, i])
-            pos[k, i] = point - 0.5 * gap * frame[k, i]
+        along, out = dot(axis, arm), across(arm, axis)
+        scale = size[own, 0] / np.sqrt(dot(out, out))
+        end = np.sign(along) * size[own, 1] - scale * along
+        point = plus(plus(center, end, axis), scale, arm)
+        gap = dot(minus(point, row(place, plane)), normal)
+        if abs(gap - dist[k]) > ROUNDED:
+            changed, dist[k] = True, gap
+            write(plus(point, -0.5 * gap, normal), pos[k])
     return changed
-
-
-measure_again = for_python(measure_standing)
-"""The form of `measure_standing` that Python calls."""
 
 
 @plain
@@ -126,10 +104,7 @@ def _is_on_face(kind, turn, geom, frame, k, other):
             turned, along = 0.0, 0.0
             for i in range(3):
                 turned = max(turned, abs(frame[j, i] - frame[k, i]))
-                straight = 0.0
-                for m in range(3):
-                    straight += turn[other, 3 * m + i] * frame[k, m]
-                along = max(along, abs(straight))
+                along = max(along, abs(dot(axis_of(turn, other, i), frame[k])))
             return turned <= SAME_NORMAL and (kind[other] != _BOX or along >= 1.0 - SAME_NORMAL)
     return False
 
@@ -137,15 +112,12 @@ def _is_on_face(kind, turn, geom, frame, k, other):
 @plain
 def _is_inside_face(size, place, turn, other, pos, frame, k, edge):
     """Return whether a contact point is on a face of a box, farther than ``edge``, m, from the edges of the face."""
-    faces, inside = 0, 0
+    faces, inside, arm = 0, 0, minus(row(pos, k), row(place, other))
     for i in range(3):
-        along, way = 0.0, 0.0
-        for m in range(3):
-            along += turn[other, 3 * m + i] * frame[k, m]
-            way += turn[other, 3 * m + i] * (pos[k, m] - place[other, m])
-        if abs(along) >= 1.0 - SAME_NORMAL:
+        axis = axis_of(turn, other, i)
+        if abs(dot(axis, frame[k])) >= 1.0 - SAME_NORMAL:
             faces += 1
-        elif abs(way) < size[other, i] - edge:
+        elif abs(dot(axis, arm)) < size[other, i] - edge:
             inside += 1
     return faces == 1 and inside == 2
 
@@ -171,26 +143,14 @@ def meet_axes(kind, size, place, turn, geom, pos, frame):
         )
         if not inside and not _is_on_face(kind, turn, geom, frame, k, other):
             continue
-        cosine, miss = 0.0, 0.0
-        for i in range(3):
-            a, b = (i + 1) % 3, (i + 2) % 3
-            cosine += turn[own, 3 * i + 2] * frame[k, i]
-            aside = turn[own, 3 * a + 2] * frame[k, b] - turn[own, 3 * b + 2] * frame[k, a]
-            miss += aside * (pos[k, i] - place[own, i])
-        square = 1.0 - cosine * cosine
+        axis, normal, point = axis_of(turn, own, 2), row(frame, k), row(pos, k)
+        cosine, aside = dot(axis, normal), cross(axis, normal)
+        miss, square = dot(aside, minus(point, row(place, own))), 1.0 - cosine * cosine
         far = MISSES_AXIS * size[own, 0] * np.sqrt(square)  # beyond, it is the normal that is wrong
-        if abs(cosine) > PARALLEL or abs(miss) <= ROUNDED or abs(miss) > far:
-            continue
-        moved = True
-        for i in range(3):
-            a, b = (i + 1) % 3, (i + 2) % 3
-            aside = turn[own, 3 * a + 2] * frame[k, b] - turn[own, 3 * b + 2] * frame[k, a]
-            pos[k, i] -= aside * miss / square
+        if abs(cosine) <= PARALLEL and ROUNDED < abs(miss) <= far:
+            moved = True
+            write(plus(point, -miss / square, aside), pos[k])
     return moved
-
-
-put_on_axes = for_python(meet_axes)
-"""The form of `meet_axes` that Python calls."""
 
 
 @plain
@@ -199,12 +159,9 @@ def upright(turn, plane, own, least):
 
     It counts as tilted from a tilt whose sine is ``least``.
     """
-    cosine, tilt = 0.0, 0.0
-    for i in range(3):
-        cosine += turn[plane, 3 * i + 2] * turn[own, 3 * i + 2]
-    for i in range(3):
-        tilt += (turn[own, 3 * i + 2] - cosine * turn[plane, 3 * i + 2]) ** 2
-    return np.sign(cosine) if tilt < least * least else 0.0
+    normal, axis = axis_of(turn, plane, 2), axis_of(turn, own, 2)
+    cosine, tilt = dot(normal, axis), across(axis, normal)
+    return np.sign(cosine) if dot(tilt, tilt) < least * least else 0.0
 
 
 @compiled()

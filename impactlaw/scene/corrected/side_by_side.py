@@ -18,40 +18,12 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.compiled import for_python
-from impactlaw.scene.corrected.edge_on_face import other_end
+from impactlaw.scene.corrected.edge_on_face import END, other_end, write_place
 from impactlaw.scene.tolerances import CROSSED, CROSSES, SHORT_LINE, SIDE_BY_SIDE, SUNK_IN, THIN_LINE
-from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain
+from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain, put
+from impactlaw.solvers.cones.algebra.vectors import across, axis_of, dot, minus, plus, row, times, unit
 
 CYLINDER, CAPSULE, _BOX = (int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("CYLINDER", "CAPSULE", "BOX"))
-END = 13
-"""Numbers of an end: its gap, m, its point, m, and its frame, as MuJoCo's."""
-
-
-@plain
-def _dot(v, w):
-    return v[0] * w[0] + v[1] * w[1] + v[2] * w[2]
-
-
-@plain
-def _plus(v, factor, w):
-    return v[0] + factor * w[0], v[1] + factor * w[1], v[2] + factor * w[2]
-
-
-@plain
-def _unit(v):
-    length = np.sqrt(_dot(v, v))
-    return v[0] / length, v[1] / length, v[2] / length
-
-
-@plain
-def _row(values, geom):
-    return values[geom, 0], values[geom, 1], values[geom, 2]
-
-
-@plain
-def _axis(turn, geom, i):
-    return turn[geom, i], turn[geom, 3 + i], turn[geom, 6 + i]
 
 
 @plain
@@ -84,34 +56,34 @@ def some_can_lie(kind, geom):
 def _rod(shapes, geom):
     """Return a cylinder or a capsule: whether its ends are flat, radius and half length, m, centre, and axis."""
     kind, size, place, turn = shapes
-    return kind[geom] == CYLINDER, size[geom, 0], size[geom, 1], _row(place, geom), _axis(turn, geom, 2)
+    return kind[geom] == CYLINDER, size[geom, 0], size[geom, 1], row(place, geom), axis_of(turn, geom, 2)
 
 
 @plain
 def _edge(shapes, box, rod):
     """Return the edge of a box that is most parallel and nearest to a cylinder, as a cylinder without a radius."""
     (_, size, place, turn), (_, _, half, center, along), most = shapes, rod, 0
-    between = _plus(center, -1.0, _row(place, box))
-    at = min(max(-_dot(along, between), -half), half)
+    between = minus(center, row(place, box))
+    at = min(max(-dot(along, between), -half), half)
     for i in range(3):
-        if abs(_dot(_axis(turn, box, i), along)) > abs(_dot(_axis(turn, box, most), along)):
+        if abs(dot(axis_of(turn, box, i), along)) > abs(dot(axis_of(turn, box, most), along)):
             most = i
-    middle = _row(place, box)
+    middle = row(place, box)
     for i in range(3):
-        out = _axis(turn, box, i)
-        side = np.sign(_dot(out, _plus(between, at, along)))
-        middle = _plus(middle, 0.0 if i == most else side * size[box, i], out)
-    return True, 0.0, size[box, most], middle, _axis(turn, box, most)
+        out = axis_of(turn, box, i)
+        side = np.sign(dot(out, plus(between, at, along)))
+        middle = plus(middle, 0.0 if i == most else side * size[box, i], out)
+    return True, 0.0, size[box, most], middle, axis_of(turn, box, most)
 
 
 @plain
 def _is_off_edge(shapes, box, edge, normal):
     """Return whether a normal from a cylinder to an edge of a box is not between those of the faces that meet there."""
     (_, _, place, turn), outside = shapes, False
-    to = _plus(edge[3], -1.0, _row(place, box))
+    to = minus(edge[3], row(place, box))
     for i in range(3):
-        out = _axis(turn, box, i)
-        outside = outside or (abs(_dot(out, edge[4])) < 0.5 and _dot(out, to) * _dot(out, normal) >= 0.0)
+        out = axis_of(turn, box, i)
+        outside = outside or (abs(dot(out, edge[4])) < 0.5 and dot(out, to) * dot(out, normal) >= 0.0)
     return outside
 
 
@@ -123,38 +95,29 @@ def _find_line(one, other):
     For cylinders, the axes of which must have about the same direction, see `_rod`.
     """
     (flat, radius, length, place, a), (also, thickness, span, center, b), none = one, other, (0.0, 0.0, 0.0)
-    cosine, between = _dot(a, b), _plus(center, -1.0, place)
-    there, half, apart = _dot(a, between), cosine * span, radius + thickness
+    cosine, between = dot(a, b), minus(center, place)
+    there, half, apart = dot(a, between), cosine * span, radius + thickness
     low, high = max(-length, there - half), min(length, there + half)
     shortest = THIN_LINE if flat and also else SHORT_LINE
     if cosine < CROSSES or high - low < shortest * apart:
         return 0.0, 0.0, none
-    slant = _plus((b[0] / cosine, b[1] / cosine, b[2] / cosine), -1.0, a)
-    square, start = _dot(slant, slant), _plus(between, -there / cosine, b)
-    nearest = min(max(-_dot(start, slant) / square, low), high) if square > 0.0 else 0.5 * (low + high)
+    slant = minus((b[0] / cosine, b[1] / cosine, b[2] / cosine), a)
+    square, start = dot(slant, slant), plus(between, -there / cosine, b)
+    nearest = min(max(-dot(start, slant) / square, low), high) if square > 0.0 else 0.5 * (low + high)
     parallel = square <= SIDE_BY_SIDE**2
     as_found = not parallel and (nearest in (low, high) or thickness == 0.0 or not (flat or also))
-    normal = _plus(start, nearest, slant)
+    normal = plus(start, nearest, slant)
     if (nearest == low and there - half < low) or (nearest == high and there + half > high):  # the first one ends there
-        normal = _plus(normal, -_dot(normal, b), b)
-    distance = np.sqrt(_dot(normal, normal))
+        normal = across(normal, b)
+    distance = np.sqrt(dot(normal, normal))
     if distance < SUNK_IN * apart or apart - distance > high - low or as_found:
         return 0.0, 0.0, none
     normal = (normal[0] / distance, normal[1] / distance, normal[2] / distance)
-    aside = _plus(slant, -_dot(slant, normal), normal)
-    crossing, far = np.sqrt(_dot(aside, aside)), CROSSED * apart if parallel else 0.0
+    aside = across(slant, normal)
+    crossing, far = np.sqrt(dot(aside, aside)), CROSSED * apart if parallel else 0.0
     if crossing * (high - low) > far:
         low, high = max(low, nearest - far / crossing), min(high, nearest + far / crossing)
     return low, high, normal
-
-
-@plain
-def _write_place(point, normal, tangent, end):
-    """Write point and frame of a contact; see `END`."""
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        end[1 + i], end[4 + i], end[7 + i] = point[i], normal[i], tangent[i]
-        end[10 + i] = normal[j] * tangent[k] - normal[k] * tangent[j]
 
 
 @plain
@@ -171,13 +134,12 @@ def _write_end(ends, touched, at, normal, toward, end):
     """
     (flat, radius, _, place, own), (_, thickness, _, center, along), rim = ends, touched, normal
     if flat:
-        rim = _unit(_plus(normal, -_dot(normal, own), own))
-    point = _plus(_plus(place, at, own), toward * radius, rim)
-    way = _plus(center, -1.0, point)
-    way, tilt = _plus(way, -_dot(way, along), along), _dot(normal, along)
-    end[0] = toward * _dot(normal, way) - thickness * np.sqrt(1.0 - tilt * tilt)
-    tangent = _unit(_plus(along, -tilt, normal))
-    _write_place(_plus(point, 0.5 * toward * end[0], normal), normal, tangent, end)
+        rim = unit(across(normal, own))
+    point = plus(plus(place, at, own), toward * radius, rim)
+    way, tilt = across(minus(center, point), along), dot(normal, along)
+    end[0] = toward * dot(normal, way) - thickness * np.sqrt(1.0 - tilt * tilt)
+    tangent = unit(plus(along, -tilt, normal))
+    write_place(plus(point, 0.5 * toward * end[0], normal), normal, tangent, end)
 
 
 @plain
@@ -187,15 +149,15 @@ def _supporting_edge(shapes, box, end):
     Of the edges that are nearest to the end, it is the one most parallel to it.
     """
     (_, size, place, turn), (_, _, _, center, axis), most = shapes, end, 0
-    sign = np.sign(_dot(axis, _plus(_row(place, box), -1.0, center)))
-    normal, middle = (sign * axis[0], sign * axis[1], sign * axis[2]), _row(place, box)
+    sign = np.sign(dot(axis, minus(row(place, box), center)))
+    normal, middle = times(sign, axis), row(place, box)
     for i in range(3):
-        if abs(_dot(_axis(turn, box, i), axis)) < abs(_dot(_axis(turn, box, most), axis)):
+        if abs(dot(axis_of(turn, box, i), axis)) < abs(dot(axis_of(turn, box, most), axis)):
             most = i
     for i in range(3):
-        out = _axis(turn, box, i)
-        middle = _plus(middle, 0.0 if i == most else -np.sign(_dot(out, normal)) * size[box, i], out)
-    return middle, size[box, most], _axis(turn, box, most), normal
+        out = axis_of(turn, box, i)
+        middle = plus(middle, 0.0 if i == most else -np.sign(dot(out, normal)) * size[box, i], out)
+    return middle, size[box, most], axis_of(turn, box, most), normal
 
 
 @plain
@@ -207,21 +169,21 @@ def _write_chord(shapes, one, box, first, second):
     end = _rod(shapes, one)
     flat, radius, length, center, axis = end
     middle, half, along, normal = _supporting_edge(shapes, box, end)
-    start, tilt = _plus(middle, -1.0, center), _dot(along, normal)
-    aside, across = _plus(start, -_dot(start, axis), axis), _plus(along, -tilt, normal)
-    square, part = _dot(across, across), _dot(aside, across)
-    room = part * part - square * (_dot(aside, aside) - radius * radius)
+    start, tilt = minus(middle, center), dot(along, normal)
+    aside, level = across(start, axis), plus(along, -tilt, normal)
+    square, part = dot(level, level), dot(aside, level)
+    room = part * part - square * (dot(aside, aside) - radius * radius)
     if not flat or abs(tilt) > SIDE_BY_SIDE or room <= 0.0:
         return 0
     low, high = max((-part - np.sqrt(room)) / square, -half), min((-part + np.sqrt(room)) / square, half)
-    gap = _dot(start, normal) - length + min(low * tilt, high * tilt)
+    gap = dot(start, normal) - length + min(low * tilt, high * tilt)
     inside = radius - np.sqrt(max(0.0, radius * radius - room / square))
     if high - low < SHORT_LINE * radius or gap < -inside:
         return 0
-    for at, write in ((low, first), (high, second)):
-        point = _plus(middle, at, along)
-        write[0] = _dot(_plus(point, -1.0, center), normal) - length
-        _write_place(_plus(point, -0.5 * write[0], normal), normal, _unit(across), write)
+    for at, to in ((low, first), (high, second)):
+        point = plus(middle, at, along)
+        to[0] = dot(minus(point, center), normal) - length
+        write_place(plus(point, -0.5 * to[0], normal), normal, unit(level), to)
     return 2
 
 
@@ -235,14 +197,14 @@ def _write_ends(shapes, one, other, single, first, second):
     rod = _rod(shapes, one)
     beside = _rod(shapes, other) if shapes[0][other] != _BOX else _edge(shapes, other, rod)
     a, b = rod[4], beside[4]
-    if _dot(a, b) < 0.0:
-        b = (-b[0], -b[1], -b[2])
+    if dot(a, b) < 0.0:
+        b = times(-1.0, b)
         beside = (beside[0], beside[1], beside[2], beside[3], b)
     low, high, normal = _find_line(rod, beside)
     off = shapes[0][other] == _BOX and _is_off_edge(shapes, other, beside, normal)
-    if _dot(normal, normal) == 0.0 or off:
+    if dot(normal, normal) == 0.0 or off:
         return _write_chord(shapes, one, other, first, second) if single and shapes[0][other] == _BOX else 0
-    there, half = _dot(a, _plus(beside[3], -1.0, rod[3])), _dot(a, b) * beside[2]
+    there, half = dot(a, minus(beside[3], rod[3])), dot(a, b) * beside[2]
     if low > there - half:
         _write_end(rod, beside, low, normal, 1.0, first)
     else:
@@ -262,14 +224,11 @@ def _write_both(shapes, geom, found, first, second):
     if side == 0.0:
         return 0
     if side < 0.0:
-        for i in range(END):
-            first[i] = second[i]
+        put(first, second)
     own = first if side > 0.0 else second
     own[0] = dist
-    for i in range(3):
-        own[1 + i] = pos[i]
-    for i in range(9):
-        own[4 + i] = frame[i]
+    put(own[1:4], pos)
+    put(own[4:], frame)
     return 2
 
 
@@ -326,16 +285,10 @@ def find_ends(shapes, geom, reach, dist, pos, frame, first):
         if (several and turn % 2 == 0) if two else first[k, 0] < second[0]:
             chosen = first[k]
         dist[k] = chosen[0]
-        for i in range(3):
-            pos[k, i] = chosen[1 + i]
-        for i in range(9):
-            frame[k, i] = chosen[4 + i]
+        put(pos[k], chosen[1:4])
+        put(frame[k], chosen[4:])
         many += two and not several
         if several or not two:
             first[k, 0] = np.nan
     first[len(dist), 0] = many
     return some
-
-
-find_ends_of_lines = for_python(find_ends)
-"""The form of `find_ends` that Python calls."""

@@ -26,9 +26,10 @@ class Constraints:
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData):
         # numba is not loaded before it is used
+        from impactlaw.compiled import for_python
         from impactlaw.stepping.compiled.dense import sparse_jacobian
         from impactlaw.stepping.compiled.islands import find_islands
-        from impactlaw.stepping.compiled.left_out.tied_contacts import mark_tied_contacts
+        from impactlaw.stepping.compiled.left_out.tied_contacts import find_tied
 
         jacobian, trees = sparse_jacobian(model, data), model.dof_treeid
         island, of_row = find_islands(data.efc_type, data.efc_id, *jacobian, trees, model.ntree)
@@ -38,7 +39,8 @@ class Constraints:
         paired = (data.contact.dim > 1) & (model.opt.cone == _PYRAMIDAL)
         tied = np.zeros(len(address), dtype=bool)
         least = least_free(model, data.contact.geom)
-        mark_tied_contacts(data.efc_type, data.efc_id, kinds, jacobian, lengths(model), address, paired, least, tied)
+        rows = data.efc_type, data.efc_id, kinds, jacobian
+        for_python(find_tied)(*rows, lengths(model), address, paired, least, tied)
         self._tied = tied[acted_on(model, data)]
 
     def tie(self, contacts: Contacts) -> np.ndarray:

@@ -9,6 +9,7 @@ from typing import Literal
 import mujoco
 import numpy as np
 
+from impactlaw.compiled import for_python
 from impactlaw.errors import DivergenceError, InadmissibleImpactError
 from impactlaw.laws import Coulomb, Law
 from impactlaw.mechanics.collision import Collision
@@ -22,14 +23,14 @@ from impactlaw.stepping.compiled.whitening import Inertia
 from impactlaw.stepping.law_targets import LawTargets
 from impactlaw.stepping.time_stepping.events import CollisionRecord, StepImpulses, beside_constraints
 from impactlaw.stepping.time_stepping.problem.contact_snapshot import ContactSnapshot, in_order
-from impactlaw.stepping.time_stepping.problem.drifting_equalities import hold
-from impactlaw.stepping.time_stepping.problem.gradient_turns import keep_sticking
-from impactlaw.stepping.time_stepping.problem.phases import later_rates, mark_later, reached_by, some_groups
+from impactlaw.stepping.time_stepping.problem.drifting_equalities import hold_constraints
+from impactlaw.stepping.time_stepping.problem.gradient_turns import write_sliding
+from impactlaw.stepping.time_stepping.problem.phases import find_later, later_rates, reached_by, some_groups
 from impactlaw.stepping.time_stepping.problem.rows import Known, Rows
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import Aims, Method
 from impactlaw.stepping.time_stepping.problem.solution.resolve import Resolved, resolve_step
 from impactlaw.stepping.time_stepping.problem.solution.scaling import RESERVE
-from impactlaw.stepping.time_stepping.problem.targets import close_gaps, contact_targets
+from impactlaw.stepping.time_stepping.problem.targets import aim, close_gaps
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, PHASES, RESOLVED, REST_SPEED, is_met
 
 
@@ -194,7 +195,9 @@ class ContactProblem:
         later = np.zeros_like(met.collides)
         if np.count_nonzero(met.collides) and self.targets.restitution != 0.0:
             jump, impulse = met.answer.jump, met.answer.impulse
-            mark_later(met.rows, jump, impulse, met.collides, self._rest_speed, RESOLVED * self.meter, later)
+            for_python(find_later)(
+                met.rows, jump, impulse, met.collides, self._rest_speed, RESOLVED * self.meter, later
+            )
         return later
 
     def _solve(
@@ -205,25 +208,17 @@ class ContactProblem:
         If restitution is to be `scaled`, it creates no energy, or an error is raised.
         """
         model, h = self._model, self._model.opt.timestep
-        e = self.targets.restitution
-        target, collides = contact_targets(
-            rows.groups,
-            rows.key,
-            rows.amounts,
-            rows.rates,
-            h,
-            0.0 if e is None else e,
-            self._rest_speed,
-            RESOLVED * self.meter,
-            may,
+        e, n, seen, together = self.targets.restitution or 0.0, len(rows.scale), None, False
+        target, (collides, bound) = np.empty(len(rows.key)), np.zeros((2, len(rows.key)), dtype=bool)
+        resolved = RESOLVED * self.meter
+        some = for_python(aim)(
+            rows.groups, rows.key, rows.amounts, rows.rates, h, e, self._rest_speed, resolved, may, target, collides
         )
-        n, seen, together, bound = len(rows.scale), None, False, np.zeros(len(rows.key), dtype=bool)
-        some = bool(np.count_nonzero(collides))
         sliding = -self._sliding * rows.before if self._sliding and some else np.zeros(n)
         if some:
             seen, together = self._collide(step, rows, before, target, sliding, collides, bound)
         else:
-            keep_sticking(rows.groups, rows.rates, RESOLVED * self.meter, sliding)
+            for_python(write_sliding)(rows.groups, rows.rates, resolved, sliding)
         project = scaled and self._on_inadmissible == "project"
         answer = resolve_step(
             rows, Aims(target, sliding, collides), bound, known, h, project, together,
@@ -260,7 +255,7 @@ class ContactProblem:
                 collides |= seen.reached(collides, np.zeros(len(collides), dtype=bool))
         if data.ne:
             kinds = self._kinds(data, rows)
-            hold(rows, collides, kinds, self._model.dof_treeid)
+            for_python(hold_constraints)(rows, collides, kinds, self._model.dof_treeid)
             bound[:] = kinds != 0
         if seen is not None:
             together = self._ask_law(seen, before, target, sliding, collides)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property, partial
+
 import mujoco
 import numpy as np
 
@@ -10,6 +12,7 @@ from impactlaw.scene.corrected.side_by_side import line_gap
 from impactlaw.scene.tolerances import APART
 from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import plain
+from impactlaw.solvers.cones.algebra.vectors import axis_of, cross, dot, length, minus, plus, row
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.left_out.hidden_edges import support
 from impactlaw.stepping.compiled.whitening import Inertia
@@ -41,31 +44,18 @@ LAST_LOSS = int(mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON)
 
 
 @plain
-def _norm(x, y, z):
-    return np.sqrt(x * x + y * y + z * z)
-
-
-@plain
 def _acceleration(i, motion):
     """Return a bound on the acceleration of points of a body at constant joint velocities, m/s^2."""
     velocity, rate, qvel, parent, first, many, center, subtree, root, size = motion
-    a0 = a1 = a2 = a3 = a4 = a5 = 0.0  # rate of change of MuJoCo's cvel
-    body = i
+    turned, moved, body = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), i  # rate of change of MuJoCo's cvel
     while body > 0:
         for j in range(first[body], first[body] + many[body]):
-            v = qvel[j]
-            a0, a1, a2 = a0 + rate[j, 0] * v, a1 + rate[j, 1] * v, a2 + rate[j, 2] * v
-            a3, a4, a5 = a3 + rate[j, 3] * v, a4 + rate[j, 4] * v, a5 + rate[j, 5] * v
+            turned, moved = plus(turned, qvel[j], rate[j]), plus(moved, qvel[j], rate[j, 3:])
         body = parent[body]
-    about, c, w = subtree[root[i]], center[i], velocity[i]
-    x, y, z = c[0] - about[0], c[1] - about[1], c[2] - about[2]
-    v0, v1, v2 = w[3] + w[1] * z - w[2] * y, w[4] + w[2] * x - w[0] * z, w[5] + w[0] * y - w[1] * x
-    most = _norm(
-        a3 + a1 * z - a2 * y + w[1] * v2 - w[2] * v1,
-        a4 + a2 * x - a0 * z + w[2] * v0 - w[0] * v2,
-        a5 + a0 * y - a1 * x + w[0] * v1 - w[1] * v0,
-    )  # fmt: skip
-    return most + (_norm(a0, a1, a2) + w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) * size[i]
+    spin, arm = row(velocity, i), minus(row(center, i), row(subtree, root[i]))
+    v = plus(velocity[i, 3:], 1.0, cross(spin, arm))
+    moved = plus(plus(moved, 1.0, cross(turned, arm)), 1.0, cross(spin, v))
+    return length(moved) + (length(turned) + dot(spin, spin)) * size[i]
 
 
 @plain
@@ -75,10 +65,7 @@ def _jump(one, other, shapes, sizes, velocity):
         return 0.0
     endless = shapes[0] == PLANE or shapes[1] == PLANE or shapes[0] == _FIELD or shapes[1] == _FIELD
     arm = max(sizes) if endless else min(sizes)
-    turning = 0.0
-    for k in range(3):
-        turning += (velocity[one, k] - velocity[other, k]) ** 2
-    return 2.0 * arm * np.sqrt(turning)
+    return 2.0 * arm * length(minus(row(velocity, one), row(velocity, other)))
 
 
 @plain
@@ -88,13 +75,11 @@ def _plane_gap(one, other, shape, extent, place, turn):
         one, other = other, one
     if shape[one] != PLANE:
         return -np.inf
-    gap, normal = 0.0, (0.0, 0.0, 0.0)
-    for k in range(3):
-        n = turn[one, 3 * k + 2]
-        gap += n * (place[other, k] - place[one, k])
-        x, y, z = turn[other, 3 * k], turn[other, 3 * k + 1], turn[other, 3 * k + 2]
-        normal = (normal[0] + n * x, normal[1] + n * y, normal[2] + n * z)
-    return gap - support(shape[other], extent[other], normal)
+    normal = axis_of(turn, one, 2)
+    x, y, z = axis_of(turn, other, 0), axis_of(turn, other, 1), axis_of(turn, other, 2)
+    own = dot(x, normal), dot(y, normal), dot(z, normal)
+    gap = dot(normal, minus(row(place, other), row(place, one)))
+    return gap - support(shape[other], extent[other], own)
 
 
 @plain
@@ -181,9 +166,6 @@ def bend(contacts, rows, geometry, motion, mocap, surface_speed, at, timestep, a
     return deepest, slow
 
 
-_bend, _begins_deep = for_python(bend), for_python(begins_deep)
-
-
 @compiled()
 def end_targets(groups, key, amounts, slow, before_key, before, timestep):
     """Return how fast positions must move to open overlaps, m/s, (g,), and whether any must.
@@ -218,14 +200,18 @@ class EndCorrection:
 
     def __init__(self, model: mujoco.MjModel, size: np.ndarray, options: TemporaryOptions, reader: RowReader):
         self._model, self._size, self._options, self._reader = model, size, options, reader
-        self._scratch: mujoco.MjData | None = None
+
+    @cached_property
+    def _other(self) -> mujoco.MjData:
+        """Other data of the model."""
+        return mujoco.MjData(self._model)
 
     def begins_deep(self, rows: Rows, known: Known | None, start: np.ndarray) -> bool:
         """Return what `overlaps.begins_deep` returns, for the position at the start of the step, (nq,)."""
         model, keys = self._model, np.zeros(0, np.int64) if known is None else known.key
-        now, geometry = self._other(), (model.body_rootid, model.geom_bodyid, model.geom_type)
-        at = (model._address, now._address)
-        return _begins_deep(rows, keys, model.opt.timestep, model.body_mocapid, geometry, start, now.qpos, at)
+        now, geometry = self._other, (model.body_rootid, model.geom_bodyid, model.geom_type)
+        scene = model.opt.timestep, model.body_mocapid, geometry
+        return for_python(begins_deep)(rows, keys, *scene, start, now.qpos, (model._address, now._address))
 
     def correct(
         self,
@@ -244,34 +230,24 @@ class EndCorrection:
             metric: the mass matrix of the step.
             surface_speed: see `bend`.
         """
-        depth, slow = self._bend(data, rows, found, surface_speed, again=False)
-        for _ in range(ROUNDS if depth > 0.0 else 0):
-            before, shift = depth, self._shift(data, rows, depth, slow, metric)
-            if shift is not None:
-                mujoco.mj_integratePos(self._model, data.qpos, shift, self._model.opt.timestep)
-                update_frames(self._model, data)
-            depth, slow = self._bend(data, rows, found, surface_speed, again=True)
-            if shift is None or depth == 0.0 or depth > LITTLE * before:
-                break
-        return depth > COUNTED
-
-    def _bend(
-        self,
-        data: mujoco.MjData,
-        rows: Rows,
-        found: tuple[np.ndarray, np.ndarray],
-        surface_speed: float,
-        *,
-        again: bool,
-    ) -> tuple[float, float]:
         model, forces = self._model, (rows.groups, rows.amounts, rows.rates)
         geometry = model.geom_bodyid, model.geom_type, model.geom_size, data.geom_xpos, data.geom_xmat
         motion = (
             data.cvel, data.cdof_dot, data.qvel, model.body_parentid, model.body_dofadr, model.body_dofnum, data.xipos,
             data.subtree_com, model.body_rootid, self._size,
         )  # fmt: skip
-        at, h = (model._address, data._address), model.opt.timestep
-        return _bend(found, forces, geometry, motion, model.body_mocapid, surface_speed, at, h, again)
+        surfaces, at = (model.body_mocapid, surface_speed), (model._address, data._address)
+        measured = partial(for_python(bend), found, forces, geometry, motion, *surfaces, at, model.opt.timestep)
+        depth, slow = measured(False)
+        for _ in range(ROUNDS if depth > 0.0 else 0):
+            before, shift = depth, self._shift(data, rows, depth, slow, metric)
+            if shift is not None:
+                mujoco.mj_integratePos(model, data.qpos, shift, model.opt.timestep)
+                update_frames(model, data)
+            depth, slow = measured(True)
+            if shift is None or depth == 0.0 or depth > LITTLE * before:
+                break
+        return depth > COUNTED
 
     def _shift(self, data: mujoco.MjData, rows: Rows, depth: float, slow: float, metric: Inertia) -> np.ndarray | None:
         """Return the velocity, (nv,), that opens the overlaps of data within one timestep; None if there are none."""
@@ -292,7 +268,7 @@ class EndCorrection:
 
     def _look(self, data: mujoco.MjData) -> mujoco.MjData:
         """Return data with the current contacts."""
-        model, now = self._model, self._other()
+        model, now = self._model, self._other
         now.qpos[:], now.eq_active[:] = data.qpos, data.eq_active
         now.mocap_pos[:], now.mocap_quat[:] = data.mocap_pos, data.mocap_quat
         mujoco.mj_kinematics(model, now)
@@ -303,9 +279,3 @@ class EndCorrection:
         if now.ncon:
             find_nearest(model, now, beside=self._options.beside)
         return now
-
-    def _other(self) -> mujoco.MjData:
-        """Return other data of the model."""
-        if self._scratch is None:
-            self._scratch = mujoco.MjData(self._model)
-        return self._scratch

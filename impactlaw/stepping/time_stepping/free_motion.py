@@ -15,11 +15,12 @@ from mujoco import (
     mj_kinematics,
 )
 
+from impactlaw.compiled import for_python
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.stepping.compiled.whitening import Inertia
 from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
-from impactlaw.stepping.time_stepping.margins import find_outrun, find_sizes, narrow_margins, set_margins
-from impactlaw.stepping.time_stepping.problem.detection.contact_points import mend_contacts
+from impactlaw.stepping.time_stepping.margins import narrow, outruns, write_margins, write_sizes
+from impactlaw.stepping.time_stepping.problem.detection.contact_points import mend
 from impactlaw.stepping.time_stepping.problem.detection.nearest_points import find_nearest
 from impactlaw.stepping.time_stepping.problem.forces import without_far_limits
 from impactlaw.stepping.time_stepping.standing_cylinders import find_standing
@@ -52,7 +53,8 @@ def update_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 def reach(model: mujoco.MjModel, data: mujoco.MjData, gained: np.ndarray, sizes: np.ndarray, surface: float) -> None:
     """Set margins such that MuJoCo finds the contacts that bodies can reach in this step."""
-    find_sizes(sizes, model.geom_type, model.geom_bodyid, model.geom_pos, model.geom_rbound, model.body_ipos)
+    geoms = model.geom_type, model.geom_bodyid, model.geom_pos, model.geom_rbound
+    for_python(write_sizes)(sizes, *geoms, model.body_ipos)
     velocity, now = data.qvel.copy(), data.cvel.copy()
     data.qvel += gained
     mj_comVel(model, data)
@@ -64,7 +66,7 @@ def _set_margins(
     model: mujoco.MjModel, data: mujoco.MjData, now: np.ndarray, led_to: np.ndarray, sizes: np.ndarray, surface: float
 ) -> None:
     gravity = model.opt.gravity
-    set_margins(
+    for_python(write_margins)(
         model.body_margin, model.geom_margin, model.geom_gap, model.pair_margin, model.pair_gap,
         model.jnt_margin, model.tendon_margin,
         model.geom_bodyid, model.body_rootid, model.body_treeid, sizes, data.xipos, data.subtree_com, now, led_to,
@@ -77,7 +79,7 @@ def outrun(model: mujoco.MjModel, data: mujoco.MjData, sizes: np.ndarray) -> boo
     mj_comVel(model, data)
     margins = model.body_margin, model.geom_margin, model.geom_bodyid
     bodies = model.body_rootid, model.body_treeid, sizes, data.xipos
-    return bool(find_outrun(*margins, *bodies, data.subtree_com, data.cvel, model.opt.timestep))
+    return bool(for_python(outruns)(*margins, *bodies, data.subtree_com, data.cvel, model.opt.timestep))
 
 
 def detect_farther(
@@ -144,25 +146,17 @@ def _find_contacts(
     mended = full = cut = False
     for share in (*SHARES, 1.0):
         seen = data.warning.number[_FULL].sum()
-        mended = _find(model, data, options, surfaces)
+        mj_fwdPosition(model, data)
+        mended = options.stands and find_standing(model, data, found=True, surfaces=surfaces)
         full = data.warning.number[_FULL].sum() != seen
         if full:
             options.scale_margins(share)
-        cut = _narrow(model, data, share)
+        pairs = data.contact.geom, model.geom_type, model.geom_margin, model.pair_margin
+        cut = data.ncon > 0 and bool(for_python(narrow)(*pairs, share))
         if not full and not cut:
             break
     _mend_contacts(model, data, options, mended=mended)
     return full or cut
-
-
-def _narrow(model: mujoco.MjModel, data: mujoco.MjData, share: float) -> bool:
-    margins = model.geom_margin, model.pair_margin
-    return data.ncon > 0 and bool(narrow_margins(data.contact.geom, model.geom_type, *margins, share))
-
-
-def _find(model: mujoco.MjModel, data: mujoco.MjData, options: TemporaryOptions, surfaces: Surfaces | None) -> bool:
-    mj_fwdPosition(model, data)
-    return options.stands and find_standing(model, data, found=True, surfaces=surfaces)
 
 
 def _mend_contacts(model: mujoco.MjModel, data: mujoco.MjData, options: TemporaryOptions, *, mended: bool) -> None:
@@ -175,7 +169,7 @@ def _mend_contacts(model: mujoco.MjModel, data: mujoco.MjData, options: Temporar
     found, bodies = data.contact, (model.geom_bodyid, model.body_weldid, model.body_treeid)
     shapes, at = (model.geom_type, model.geom_size, data.geom_xpos, data.geom_xmat), (model._address, data._address)
     contacts = found.dist, found.pos, found.frame, found.geom
-    if data.ncon and mend_contacts(contacts, found.dim, bodies, shapes, at):
+    if data.ncon and for_python(mend)(contacts, found.dim, bodies, shapes, at):
         mended = True
     if mended:
         mujoco.mj_makeConstraint(model, data)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.compiled import for_python
 from impactlaw.solvers.cones.algebra.loops import plain
+from impactlaw.solvers.cones.algebra.vectors import cross, dot, length, minus, plus, row
 
 LEAST = 1e-5
 """Least reach, m or rad, with which closed contacts of bodies at rest are found."""
@@ -39,8 +39,7 @@ def write_sizes(size, kind, body_of_geom, position, bound, center):
         if kind[i] == _PLANE or kind[i] == _FIELD:
             continue
         body = body_of_geom[i]
-        x, y, z = position[i, 0] - center[body, 0], position[i, 1] - center[body, 1], position[i, 2] - center[body, 2]
-        size[body] = max(size[body], bound[i] + np.sqrt(x * x + y * y + z * z))
+        size[body] = max(size[body], bound[i] + length(minus(row(position, i), row(center, body))))
 
 
 @plain
@@ -50,38 +49,28 @@ def write_arms(arm, carrier, body_of_geom, position, bound, body_position, paren
         arm[i] = 0.0
     for i in range(len(carrier)):
         if carrier[i] >= 0:
-            reach, body = bound[i] + _length(position[i]), body_of_geom[i]
+            reach, body = bound[i] + length(row(position, i)), body_of_geom[i]
             while mocap[body] < 0:
-                reach, body = reach + _length(body_position[body]), parent[body]
+                reach, body = reach + length(row(body_position, body)), parent[body]
             arm[carrier[i]] = max(arm[carrier[i]], reach)
-
-
-@plain
-def _length(v):
-    return np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
 
 
 @plain
 def _center_square(velocity, along, arm):
     """Return the squared speed of a body's center of mass relative to the motion `along`; both are rows of cvel."""
-    w0, w1, w2 = velocity[0] - along[0], velocity[1] - along[1], velocity[2] - along[2]
-    v0 = velocity[3] - along[3] + w1 * arm[2] - w2 * arm[1]
-    v1 = velocity[4] - along[4] + w2 * arm[0] - w0 * arm[2]
-    v2 = velocity[5] - along[5] + w0 * arm[1] - w1 * arm[0]
-    return v0 * v0 + v1 * v1 + v2 * v2
+    v = plus(minus(velocity[3:], along[3:]), 1.0, cross(minus(velocity, along), arm))
+    return dot(v, v)
 
 
 @plain
 def _speed(velocity, along, arm, size):
     """Return a bound of the speed of points of a body relative to the motion `along`, m/s."""
-    w0, w1, w2 = velocity[0] - along[0], velocity[1] - along[1], velocity[2] - along[2]
-    return np.sqrt(_center_square(velocity, along, arm)) + np.sqrt(w0 * w0 + w1 * w1 + w2 * w2) * size
+    return np.sqrt(_center_square(velocity, along, arm)) + length(minus(velocity, along)) * size
 
 
 @plain
 def _arm(i, root, center, subtree):
-    about = subtree[root[i]]
-    return center[i, 0] - about[0], center[i, 1] - about[1], center[i, 2] - about[2]
+    return minus(row(center, i), row(subtree, root[i]))
 
 
 @plain
@@ -114,8 +103,8 @@ def _pass_by(leader, root, tree, size, center, subtree, velocity):
     far, largest, at = 0.0, 0.0, (0.0, 0.0, 0.0)
     for i in range(len(tree)):
         if tree[i] == 0:
-            x, y, z = _arm(i, root, center, subtree)
-            far, largest = max(far, x * x + y * y + z * z), max(largest, size[i])
+            arm = _arm(i, root, center, subtree)
+            far, largest = max(far, dot(arm, arm)), max(largest, size[i])
     return _speed(velocity[leader], velocity[0], at, np.sqrt(far) + largest)
 
 
@@ -244,7 +233,3 @@ def narrow(geoms, shape, geom_margin, pair_margin, share):
     for i in range(len(pair_margin) if found else 0):
         pair_margin[i] *= share
     return found
-
-
-find_sizes, find_outrun, set_margins, narrow_margins = map(for_python, (write_sizes, outruns, write_margins, narrow))
-"""The forms of these functions that Python calls."""

@@ -29,6 +29,7 @@ import mujoco
 import numpy as np
 from mujoco import mj_integratePos
 
+from impactlaw.compiled import for_python
 from impactlaw.errors import DivergenceError
 from impactlaw.laws import Law
 from impactlaw.laws.fremond import Reversal
@@ -56,7 +57,7 @@ from impactlaw.stepping.time_stepping.free_motion import (
 from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
 from impactlaw.stepping.time_stepping.problem.detection.passed_edges import PassedEdges
 from impactlaw.stepping.time_stepping.problem.forces import listed_stage, sense, write_forces
-from impactlaw.stepping.time_stepping.problem.gradient_turns import take_turns
+from impactlaw.stepping.time_stepping.problem.gradient_turns import write_turns
 from impactlaw.stepping.time_stepping.problem.reader import RowReader
 from impactlaw.stepping.time_stepping.problem.rows import Known, Rows
 from impactlaw.stepping.time_stepping.problem.solution.scaling import RESERVE
@@ -306,7 +307,7 @@ class TimeStepping:
             if not found.collisions:
                 self._held = data.qvel - outcome.free
             rows = outcome.rows
-            take_turns(rows.groups, rows.rates, found.impulse, found.reached, found.sliding)
+            for_python(write_turns)(rows.groups, rows.rates, found.impulse, found.reached, found.sliding)
         self.shortfall = found.shortfall if found else 0.0
         return (found.shift if found and len(found.shift) else None), met
 

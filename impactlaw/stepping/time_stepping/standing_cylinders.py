@@ -15,9 +15,11 @@ import mujoco
 import numpy as np
 
 from impactlaw.compiled import for_python
-from impactlaw.scene.corrected.rounding import measure_again, upright
+from impactlaw.scene.corrected.rounding import measure_standing, upright
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.solvers.cones.algebra.loops import plain
+from impactlaw.solvers.cones.algebra.vectors import across, axis_of, cross, dot, minus, plus, row, times, unit
+from impactlaw.stepping.time_stepping.problem.detection.carriers import carried_at
 
 PLANE, CYLINDER = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
 _FLAT = 1e-7  # m: difference of heights around the rim of an upright cylinder
@@ -32,57 +34,33 @@ def has_standing(model: mujoco.MjModel) -> bool:
 
 
 @plain
-def _without(to, turn, axis, least):
-    """Remove the part of a vector along the axis of a geom, and scale it to 1; return whether it is longer than least.
-
-    A shorter vector is not scaled.
-    """
-    along, square = 0.0, 0.0
-    for i in range(3):
-        along += to[i] * turn[axis, 3 * i + 2]
-    for i in range(3):
-        to[i] -= along * turn[axis, 3 * i + 2]
-        square += to[i] * to[i]
-    if not square > least * least:
-        return False
-    for i in range(3):
-        to[i] /= np.sqrt(square)
-    return True
-
-
-@plain
-def _tips(to, plane, own, size, place, turn, motion):
-    """Write the direction in which a cylinder that stands on a plane tends to tip; return whether there is one.
+def _tip(plane, own, size, place, turn, motion):
+    """Return the direction in a plane, of length 1, in which a cylinder that stands on it tends to tip.
 
     The force that would stop the cylinder acts in this direction from its axis.
     """
     velocity, subtree, root, body, gravity, mocap, position, surface = motion
     b, under = body[own], mocap[root[body[plane]]] if len(surface) > 0 else -1
     lever, square = size[own, 1], 0.25 * size[own, 0] ** 2 + size[own, 1] ** 2 / 3.0
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        arm_j, arm_k = place[own, j] - subtree[root[b], j], place[own, k] - subtree[root[b], k]
-        along = velocity[b, 3 + i] + velocity[b, j] * arm_k - velocity[b, k] * arm_j
-        turn_j, turn_k = velocity[b, j], velocity[b, k]
-        if under >= 0:
-            arm_j, arm_k = place[own, j] - position[under, j], place[own, k] - position[under, k]
-            along -= surface[under, i] + surface[under, 3 + j] * arm_k - surface[under, 3 + k] * arm_j
-            turn_j, turn_k = turn_j - surface[under, 3 + j], turn_k - surface[under, 3 + k]
-        to[i] = lever * along + square * (turn_j * turn[plane, 3 * k + 2] - turn_k * turn[plane, 3 * j + 2])
-    if _without(to, turn, plane, _SLOW * lever):
-        return True
-    for i in range(3):
-        to[i] = gravity[i]
-    return _without(to, turn, plane, _WEAK)
+    normal, center, spin = axis_of(turn, plane, 2), row(place, own), row(velocity, b)
+    along = plus(velocity[b, 3:], 1.0, cross(spin, minus(center, row(subtree, root[b]))))
+    if under >= 0:
+        along = minus(along, carried_at(under, center, position, surface))
+        spin = minus(spin, surface[under, 3:])
+    way = across(plus(times(lever, along), square, cross(spin, normal)), normal)
+    if not dot(way, way) > (_SLOW * lever) ** 2:
+        way = across(gravity, normal)
+        if not dot(way, way) > _WEAK**2:
+            way = across(axis_of(turn, own, 0), normal)
+    return unit(way)
 
 
 @plain
 def _is_near(plane, own, size, place, turn, margins):
     """Return whether the lower face is within the margins of contact."""
     geom_margin, pair_margin = margins
-    height, far = -size[own, 1], geom_margin[plane] + geom_margin[own]
-    for i in range(3):
-        height += (place[own, i] - place[plane, i]) * turn[plane, 3 * i + 2]
+    height = dot(minus(row(place, own), row(place, plane)), axis_of(turn, plane, 2)) - size[own, 1]
+    far = geom_margin[plane] + geom_margin[own]
     for i in range(len(pair_margin)):
         far = max(far, pair_margin[i])
     return height <= far
@@ -100,9 +78,9 @@ def make_upright(kind, size, place, turn, margins, motion, kept):
         margins: margins of geoms and of pairs, m.
         motion: MuJoCo's cvel, (nbody, 6), subtree_com, body_rootid and geom_bodyid, gravity, (3,), body_mocapid and
             mocap_pos, and velocities of mocap bodies, (nmocap, 6), or none if they do not move during a step.
-        kept: the rotation matrices as they were, if any changes, (ngeom, 9), and a vector, (3,), written.
+        kept: the rotation matrices as they were, if any changes, (ngeom, 9), written.
     """
-    some, (before, to) = False, kept
+    some = False
     for plane in range(len(kind)):
         for own in range(len(kind) if kind[plane] == PLANE else 0):
             if kind[own] != CYLINDER:
@@ -113,26 +91,12 @@ def make_upright(kind, size, place, turn, margins, motion, kept):
             if not some:
                 some = True
                 for i in range(9 * len(kind)):
-                    before[i // 9, i % 9] = turn[i // 9, i % 9]
-            if not _tips(to, plane, own, size, place, turn, motion):
-                for i in range(3):
-                    to[i] = turn[own, 3 * i]
-                _without(to, turn, plane, 0.0)
-            _put(turn, plane, own, sign, to)
+                    kept[i // 9, i % 9] = turn[i // 9, i % 9]
+            to, normal = _tip(plane, own, size, place, turn, motion), times(sign, axis_of(turn, plane, 2))
+            second = cross(normal, to)
+            for i in range(3):
+                turn[own, 3 * i], turn[own, 3 * i + 1], turn[own, 3 * i + 2] = to[i], second[i], normal[i]
     return some
-
-
-@plain
-def _put(turn, plane, own, sign, to):
-    """Give a geom a direction as first axis, and the normal of a plane, or its opposite, as third axis."""
-    for i in range(3):
-        turn[own, 3 * i], turn[own, 3 * i + 2] = to[i], sign * turn[plane, 3 * i + 2]
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        turn[own, 3 * i + 1] = turn[own, 3 * j + 2] * to[k] - turn[own, 3 * k + 2] * to[j]
-
-
-_make_upright = for_python(make_upright)
 
 
 def find_standing(
@@ -152,12 +116,11 @@ def find_standing(
         model.body_mocapid, data.mocap_pos, _REST if surfaces is None else surfaces.end_velocity,
     )  # fmt: skip
     margins = model.geom_margin, model.pair_margin
-    changed = bool(_make_upright(model.geom_type, *frames, margins, motion, (kept, np.empty(3))))
+    changed = bool(for_python(make_upright)(model.geom_type, *frames, margins, motion, kept))
     if changed or not found:
         mujoco.mj_collision(model, data)
     if changed:
         data.geom_xmat[:] = kept
     contact = data.contact
-    if data.ncon and measure_again(model.geom_type, *frames, contact.geom, contact.dist, contact.pos, contact.frame):
-        return True
-    return changed
+    places = contact.geom, contact.dist, contact.pos, contact.frame
+    return bool(data.ncon and for_python(measure_standing)(model.geom_type, *frames, *places)) or changed

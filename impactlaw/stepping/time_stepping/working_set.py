@@ -7,17 +7,18 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
+from impactlaw.compiled import for_python
 from impactlaw.stepping.compiled.dense import sparse_jacobian
 from impactlaw.stepping.compiled.whitening import Inertia
 from impactlaw.stepping.time_stepping.contact_impulses import ContactProblem, Start
 from impactlaw.stepping.time_stepping.events import StepImpulses
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, SMALL_PART, InertialForces
 from impactlaw.stepping.time_stepping.problem.detection.passed_edges import PassedEdges
-from impactlaw.stepping.time_stepping.problem.energy import move_rows
-from impactlaw.stepping.time_stepping.problem.gradient_turns import recall_turns
+from impactlaw.stepping.time_stepping.problem.energy import add_before
+from impactlaw.stepping.time_stepping.problem.gradient_turns import write_recalled
 from impactlaw.stepping.time_stepping.problem.reader import RowReader
 from impactlaw.stepping.time_stepping.problem.rows import Known, Rows
-from impactlaw.stepping.time_stepping.problem.targets import keep_closing
+from impactlaw.stepping.time_stepping.problem.targets import write_closing
 from impactlaw.stepping.time_stepping.tolerances import (
     FEW_ROUNDS,
     PHASE_SET_ROWS,
@@ -160,13 +161,13 @@ class WorkingSet:
         if not len(rows.key):
             return Outcome(rows, None, known, free)
         if known is not None:
-            recall_turns(rows.groups, rows.key, rows.rates, known.groups, known.key, known.turns)
+            for_python(write_recalled)(rows.groups, rows.key, rows.rates, known.groups, known.key, known.turns)
         before = self.velocity
         if self.moved is not None:
             before = before + self.moved
-            move_rows(rows.sparse, rows.rates, sparse_jacobian(self.model, data), self.moved)
+            for_python(add_before)(rows.sparse, rows.rates, sparse_jacobian(self.model, data), self.moved)
             if collided is not None and not self.phases:
-                keep_closing(rows.groups, rows.amounts, rows.rates, self.model.opt.timestep, collided)
+                for_python(write_closing)(rows.groups, rows.amounts, rows.rates, self.model.opt.timestep, collided)
         step = Start(data, before, free, self.middle, self.metric, self.work)
         found = self.problem.find(step, rows, known, self.rounds, phases=self.phases)
         data.qvel[:] = found.velocity

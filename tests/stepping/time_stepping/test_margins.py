@@ -7,7 +7,8 @@ from scenes import compiled
 from stepping.time_stepping.stepped import FLOOR, stepping
 
 from impactlaw import Moreau
-from impactlaw.stepping.time_stepping.margins import SLACK, find_outrun, find_sizes, set_margins
+from impactlaw.compiled import for_python
+from impactlaw.stepping.time_stepping.margins import SLACK, outruns, write_margins, write_sizes
 
 H = 1e-3
 
@@ -44,8 +45,9 @@ def scene(rng, trees, root):
 def reached(model, data, led_to):
     """Return the margins of bodies for one step, and set those of geoms in the model."""
     size, now = np.zeros(model.nbody), data.cvel.copy()
-    find_sizes(size, model.geom_type, model.geom_bodyid, model.geom_pos, model.geom_rbound, model.body_ipos)
-    set_margins(
+    geoms = model.geom_type, model.geom_bodyid, model.geom_pos, model.geom_rbound
+    for_python(write_sizes)(size, *geoms, model.body_ipos)
+    for_python(write_margins)(
         model.body_margin, model.geom_margin, model.geom_gap, model.pair_margin, model.pair_gap, model.jnt_margin,
         model.tendon_margin, model.geom_bodyid, model.body_rootid, model.body_treeid, size, data.xipos,
         data.subtree_com, now, led_to, model.body_mocapid, 0.0, H, 9.81,
@@ -108,7 +110,7 @@ def test_no_two_geoms_come_to_each_other_from_farther_than_their_margins(trees, 
             after = velocities_of_bodies(model, data, scale * rng.permutation(data.qvel))
             margins = model.body_margin, model.geom_margin, model.geom_bodyid
             bodies = model.body_rootid, model.body_treeid, size, data.xipos, data.subtree_com
-            if not find_outrun(*margins, *bodies, after, H):
+            if not for_python(outruns)(*margins, *bodies, after, H):
                 assert (H * fastest_approaches(rng, model, data, after) <= far)[may].all()
 
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.compiled import for_python
 from impactlaw.scene.equality_constraints import SHIFTS, STOPPED, TIED, TYING
 from impactlaw.scene.tolerances import OWN_CONSTRAINT, WRITTEN
 from impactlaw.solvers.cones.algebra.loops import FIRST, clear, cleared, dot, kernel, norm, numbers, plain, subtract
@@ -140,10 +139,6 @@ def find_tied(kinds, number, constraints, jacobian, weight, address, paired, lea
             whole = _largest(trial)
             leave_out(basis, count, nv, trial, FIRST)
             tied[c] = dot(trial, FIRST, trial, FIRST, nv) <= least[c] * whole * _largest(trial)
-
-
-mark_tied_contacts = for_python(find_tied)
-"""The form of `find_tied` that Python calls."""
 
 
 @plain

@@ -90,7 +90,7 @@ def _begin(w, counts, left, frames, gained, held, loaded):
 
 @plain
 def _set_margins(w, gained, work):
-    """Set margins such that MuJoCo finds the contacts that bodies can reach in this step; see `margins.set_margins`.
+    """Set margins such that MuJoCo finds the contacts that bodies can reach in this step; see `margins.write_margins`.
 
     ``work``, (6 nbody + nv,), is scratch space.
     """

@@ -36,13 +36,12 @@ def find_standing(w, found):
         data_floats(w, DATA.mocap_pos, (size(w, MODEL.nmocap), 3)), end_velocities(w),
     )  # fmt: skip
     margins = model_floats(w, MODEL.geom_margin, ngeom), model_floats(w, MODEL.pair_margin, size(w, MODEL.npair))
-    room = numbers(9 * ngeom + 3)
-    kept = room[: 9 * ngeom].reshape((ngeom, 9)), room[9 * ngeom :]
-    changed = make_upright(kind, sizes, place, turn, margins, motion, kept)
+    room = numbers(9 * ngeom)
+    changed = make_upright(kind, sizes, place, turn, margins, motion, room.reshape((ngeom, 9)))
     if changed or not found:
         mj.collision(w.model, w.data)
     if changed:
-        put(data_floats(w, DATA.geom_xmat, 9 * ngeom), room[: 9 * ngeom])
+        put(data_floats(w, DATA.geom_xmat, 9 * ngeom), room)
     if number(w, DATA.ncon) > 0:
         dist, pos, frame, geom = contacts_of(w)
         changed = measure_standing(kind, sizes, place, turn, geom, dist, pos, frame) or changed

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlaw.compiled import for_python
 from impactlaw.scene.equality_constraints import CALM, DRIFT, HELD_BY_DRIFT, TYING
 from impactlaw.solvers.cones import BILATERAL, CONE
 from impactlaw.solvers.cones.algebra.loops import cleared, indices, kernel, plain, zeros
@@ -133,7 +132,3 @@ def hold_constraints(rows, collides, kinds, tree):
         if held and not given[g]:
             drift = (rates[1, row] + rates[3, row]) / longest if kinds[g] == TYING else 0.0
             rates[4, row] = min(full, max(STIFF * full, 0.25 * drift * drift / DRIVEN))
-
-
-hold = for_python(hold_constraints)
-"""The form of `hold_constraints` that Python calls."""

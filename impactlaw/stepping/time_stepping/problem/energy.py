@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from impactlaw.compiled import compiled, for_python
+from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import BILATERAL, CONE
 from impactlaw.solvers.cones.algebra.loops import indices, kernel, numbers, plain, zeros
 from impactlaw.solvers.cones.rows import impulse_jump, islands
@@ -40,10 +40,6 @@ def add_before(sparse, rates, jacobian, moved):
         row = sparse[2, r]
         for a in range(adr[row], adr[row] + nnz[row]):
             rates[1, r] += J[a] * moved[col[a]]
-
-
-move_rows = for_python(add_before)
-"""The form of `add_before` that Python calls."""
 
 
 @plain

@@ -35,17 +35,14 @@ def hide_limits(kinds, ids, position, margin):
                 ids[r] = -1 - ids[r]
 
 
-_hide_limits = for_python(hide_limits)
-
-
 def without_far_limits(
     sensors: Callable[[mujoco.MjModel, mujoco.MjData], None], model: mujoco.MjModel, data: mujoco.MjData
 ) -> None:
     """Compute the sensors of a stage by MuJoCo, as if limits that are far away did not exist."""
     rows = data.efc_type, data.efc_id, data.efc_pos, data.efc_margin
-    _hide_limits(*rows)
+    for_python(hide_limits)(*rows)
     sensors(model, data)
-    _hide_limits(*rows)
+    for_python(hide_limits)(*rows)
 
 
 def write_forces(

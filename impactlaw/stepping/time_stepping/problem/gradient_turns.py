@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlaw.compiled import for_python
 from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.stepping.time_stepping.problem.rows import find_group
@@ -89,7 +88,3 @@ def write_sliding(groups, rates, resolved, sliding):
         if change <= SMOOTH * SMOOTH * size and size < resolved * resolved:
             for k in range(row + 1, row + groups[1, g]):
                 sliding[k] = 0.5 * (rates[5, k] - rates[1, k])
-
-
-recall_turns, take_turns, keep_sticking = map(for_python, (write_recalled, write_turns, write_sliding))
-"""The forms of these functions that Python calls."""

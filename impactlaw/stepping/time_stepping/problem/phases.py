@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlaw.compiled import compiled, for_python
+from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import BILATERAL, BOX, CONE
 from impactlaw.solvers.cones.algebra.loops import cleared, kernel, plain, put
 from impactlaw.solvers.cones.rows import trees_of
@@ -54,8 +54,8 @@ def find_later(rows, z, x, collides, slowest, resolved, later):
         z: whitened change of velocity by all impulses, (nv,).
         x: impulses, in units of the problem, (n,).
         collides: which groups collide, bool (g,).
-        slowest: see `targets.contact_targets`.
-        resolved: see `targets.contact_targets`.
+        slowest: see `targets.aim`.
+        resolved: see `targets.aim`.
         later: the contacts found, bool (g,), written.
     """
     some, struck, groups, sparse = False, cleared(len(z)), rows.groups, rows.sparse
@@ -73,10 +73,6 @@ def find_later(rows, z, x, collides, slowest, resolved, later):
             idle = groups[2, g] == CONE and not collides[g] and x[row] == 0.0
             later[g] = later[g] or (idle and rows.amounts[0, g] > NEAR and _meets(rows, row, struck))
     return some
-
-
-mark_later = for_python(find_later)
-"""The form of `find_later` that Python calls."""
 
 
 @compiled()

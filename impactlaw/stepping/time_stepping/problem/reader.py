@@ -6,14 +6,14 @@ import mujoco
 import numpy as np
 from numba import types
 
-from impactlaw.compiled import compiled
-from impactlaw.scene.contacts import Contacts
+from impactlaw.compiled import compiled, for_python
 from impactlaw.scene.equality_constraints import constraint_kinds, least_free, lengths
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.solvers.cones.algebra.loops import FLOATS, cleared, numbers
 from impactlaw.stepping.compiled.dense import sparse_jacobian
-from impactlaw.stepping.compiled.left_out.tied_contacts import mark_tied_contacts
+from impactlaw.stepping.compiled.left_out.tied_contacts import find_tied
 from impactlaw.stepping.compiled.whitening import INERTIA, Inertia
+from impactlaw.stepping.time_stepping.problem.detection.carriers import add_carried
 from impactlaw.stepping.time_stepping.problem.rows import (
     JACOBIAN,
     ROWS,
@@ -120,7 +120,7 @@ class RowReader:
             address = data.contact.efc_address
             jacobian = sparse_jacobian(self._model, data)
             tied, paired = np.zeros((2, len(address)), dtype=bool)
-            mark_tied_contacts(
+            for_python(find_tied)(
                 data.efc_type, data.efc_id, self._constraints, jacobian, self._lengths, np.ascontiguousarray(address),
                 paired, least_free(self._model, data.contact.geom), tied,
             )  # fmt: skip
@@ -141,22 +141,8 @@ class RowReader:
             self._model, data, metric, start, free, near, frictional=self.frictional, touching=self._touching
         )
         if self._surfaces is not None and self._surfaces.move:
-            self._add_surfaces(self._surfaces, data, rows, self._model.opt.timestep)
+            model, found = self._model, data.contact
+            contacts = found.pos, found.frame, found.geom, found.efc_address
+            bodies = model.geom_bodyid, model.body_rootid, model.body_mocapid
+            for_python(add_carried)(rows, contacts, bodies, data.mocap_pos, self._surfaces.middle_velocity)
         return rows
-
-    def _add_surfaces(self, surfaces: Surfaces, data: mujoco.MjData, rows: Rows, h: float) -> None:
-        """Add the velocities of mocap bodies to the velocities of contact rows."""
-        contact = data.contact
-        seen = Contacts((), contact.geom, contact.dist, contact.pos, contact.frame[:, :3])
-        end = data.time
-        data.time = end - 0.5 * h
-        velocity, spin, *_ = surfaces.motion(data, seen)
-        data.time = end
-        for g in np.flatnonzero(rows.source >= 0):
-            i, first = rows.source[g], rows.first[g]
-            axes = contact.frame[i].reshape(3, 3)
-            moved = np.concatenate([axes @ velocity[i], axes @ spin[i]])
-            which = slice(first, first + rows.size[g])
-            drift = moved[rows.row[which] - contact.efc_address[i]]
-            rows.before[which] += drift
-            rows.free[which] += drift

@@ -27,7 +27,7 @@ _EQUALITY, _LOSS, _LIMIT, _ELLIPTIC = 0, (1, 2), (3, 4), 7  # mjtConstraint
 
 
 class Known(NamedTuple):
-    """Impulses of an earlier step or phase, from which `contact_problem.guess` and `recall_turns` start."""
+    """Impulses of an earlier step or phase, from which `contact_problem.guess` and `write_recalled` start."""
 
     groups: Array  # see `Rows`, like the next one, int32 (4, g)
     key: Array  # keys of the groups, int64 (g,)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlaw.compiled import compiled, for_python
+from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import cleared, plain
 from impactlaw.solvers.cones.rows import trees_of
@@ -33,7 +33,32 @@ _JUST = 1.0 - 1e-9
 
 @plain
 def aim(groups, key, amounts, rates, timestep, restitution, slowest, resolved, may, target, collides):
-    """Write the result of `contact_targets`, (g,) each, and return whether any contact collides."""
+    """Write the targets of the scheme of Moreau and Jean, and which contacts collide; return whether any does.
+
+    A contact collides if it approaches, ``gamma- < -threshold``, and is closed, or would be before the next
+    detection, ``gap + h gamma_free < 0``. Its target is ``gamma^h = -e gamma-``. Any other contact may close but not
+    penetrate: ``gamma^h = -gap / h`` if it is open, and 0 if it is closed.
+
+    A persistent contact may approach only because its gradient turns by ``d < 0``, much as in the last step
+    (`gradient_turns`). If it approaches more slowly than ``resolved``, it does not collide, and ``-d / 2`` is added to
+    its target, limited to the range from ``-e gamma-`` to ``-gamma-`` so that no energy is created.
+
+    The threshold is the velocity that forces give a contact at rest within a step, ``h |J a|``, but at most
+    ``resolved``, and at least ``slowest``: slower collisions are not resolved.
+
+    Args:
+        groups: see `rows.Rows`, like the next three.
+        key: keys of groups.
+        amounts: gaps first.
+        rates: velocities of rows at the start of the step, and without contact; their turns.
+        timestep: h, s.
+        restitution: e.
+        slowest: least threshold, m/s or rad/s.
+        resolved: largest velocity that is attributed to forces; for limits of joints `RESOLVED` at most.
+        may: which groups may collide, bool (g,).
+        target: ``gamma^h``, (g,), written.
+        collides: whether each group collides, bool (g,), written.
+    """
     some = False
     for g in range(len(target)):
         target[g], collides[g] = 0.0, False
@@ -73,44 +98,6 @@ def write_closing(groups, amounts, rates, timestep, collided):
         led = rates[2, groups[0, g]]
         if collided[g] and led < 0.0:
             amounts[0, g] = min(amounts[0, g], -_JUST * timestep * led)
-
-
-keep_closing = for_python(write_closing)
-"""The form of `write_closing` that Python calls."""
-
-
-@compiled()
-def contact_targets(groups, key, amounts, rates, timestep, restitution, slowest, resolved, may):
-    """Return the targets of the scheme of Moreau and Jean, and which contacts collide.
-
-    A contact collides if it approaches, ``gamma- < -threshold``, and is closed, or would be before the next
-    detection, ``gap + h gamma_free < 0``. Its target is ``gamma^h = -e gamma-``. Any other contact may close but not
-    penetrate: ``gamma^h = -gap / h`` if it is open, and 0 if it is closed.
-
-    A persistent contact may approach only because its gradient turns by ``d < 0``, much as in the last step
-    (`gradient_turns`). If it approaches more slowly than ``resolved``, it does not collide, and ``-d / 2`` is added to
-    its target, limited to the range from ``-e gamma-`` to ``-gamma-`` so that no energy is created.
-
-    The threshold is the velocity that forces give a contact at rest within a step, ``h |J a|``, but at most
-    ``resolved``, and at least ``slowest``: slower collisions are not resolved.
-
-    Args:
-        groups: see `rows.Rows`, like the next three.
-        key: keys of groups.
-        amounts: gaps first.
-        rates: velocities of rows at the start of the step, and without contact; their turns.
-        timestep: h, s.
-        restitution: e.
-        slowest: least threshold, m/s or rad/s.
-        resolved: largest velocity that is attributed to forces; for limits of joints `RESOLVED` at most.
-        may: which groups may collide, bool (g,).
-
-    Returns:
-        ``gamma^h``, (g,), and whether each group collides, bool (g,).
-    """
-    target, collides = np.empty(groups.shape[1]), np.empty(groups.shape[1], np.bool_)
-    aim(groups, key, amounts, rates, timestep, restitution, slowest, resolved, may, target, collides)
-    return target, collides
 
 
 @plain

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from impactlaw import Moreau, Stepper
-from impactlaw.stepping.time_stepping.problem.detection.contact_points import mend_contacts
+from impactlaw.compiled import for_python
+from impactlaw.stepping.time_stepping.problem.detection.contact_points import mend
 
 TABLE = """<mujoco><option timestep="0.002" cone="elliptic"/><worldbody><geom type="plane" size="1 1 1"/>
   <body pos="0 0 .1"><freejoint/><geom type="box" size=".12 .05 .02" mass="50" contype="0" conaffinity="0"/>
@@ -40,7 +41,7 @@ def _leveled(gaps, heights, second=(0.0, 0.0, 1.0), *, move=BOTH, condim=3):
     frame[0, :3], frame[1, :3] = (0.0, 0.0, 1.0), second
     dim, nowhere = np.full(2, condim, np.int32), (0, 0)  # distances of planes are never asked for
     contacts = np.array(gaps), pos, frame, GEOMS
-    moved = mend_contacts(contacts, dim, (BODIES, WELD, move), PLANES, nowhere)
+    moved = for_python(mend)(contacts, dim, (BODIES, WELD, move), PLANES, nowhere)
     return moved, pos[:, 2].tolist()
 
 

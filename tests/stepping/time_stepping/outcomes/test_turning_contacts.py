@@ -7,9 +7,10 @@ from scenes import compiled, energy
 from stepping.time_stepping.stepped import FLOOR, stepping
 
 from impactlaw import Moreau, Poisson
+from impactlaw.compiled import for_python
 from impactlaw.solvers.cones import CONE
-from impactlaw.stepping.time_stepping.problem.gradient_turns import keep_sticking, take_turns
-from impactlaw.stepping.time_stepping.problem.targets import contact_targets
+from impactlaw.stepping.time_stepping.problem.gradient_turns import write_sliding, write_turns
+from impactlaw.stepping.time_stepping.problem.targets import aim
 from impactlaw.stepping.time_stepping.tolerances import RESOLVED, REST_SPEED
 
 BOB = '<site name="hook"/><body pos="0 0 -1"><freejoint/><geom size=".05" mass="1"/><site name="bob"/></body>'
@@ -155,10 +156,9 @@ def test_what_flies_from_limit_to_limit_in_a_step_collides(scene, e, code):
 def test_what_turns_as_in_the_step_before_goes_on(gamma, reached, turned, collides, target):
     groups, amounts = np.array([[0], [1], [CONE], [0]], np.int32), np.zeros((2, 1))
     rates = np.array([1.0, gamma, gamma, 0.0, 0.0, reached, turned]).reshape(7, 1)
-    found, which = contact_targets(
-        groups, np.zeros(1, np.int64), amounts, rates, 1e-3, 0.5, REST_SPEED, RESOLVED, np.ones(1, bool)
-    )
-    assert which[0] == collides
+    found, which, key, may = np.empty(1), np.empty(1, bool), np.zeros(1, np.int64), np.ones(1, bool)
+    some = for_python(aim)(groups, key, amounts, rates, 1e-3, 0.5, REST_SPEED, RESOLVED, may, found, which)
+    assert some == which[0] == collides
     assert found[0] == pytest.approx(target, abs=1e-15)
 
 
@@ -167,10 +167,9 @@ def test_what_goes_on_is_closed(gap, collides, target):
     """Its gap is closed if it is up to a tenth of h d."""
     groups, amounts = np.array([[0], [1], [CONE], [0]], np.int32), np.array([[gap], [0.0]])
     rates = np.array([1.0, -0.02, -0.02, 0.0, 0.0, 0.02, -0.04]).reshape(7, 1)
-    found, which = contact_targets(
-        groups, np.zeros(1, np.int64), amounts, rates, 1e-3, 0.5, REST_SPEED, RESOLVED, np.ones(1, bool)
-    )
-    assert which[0] == collides
+    found, which, key, may = np.empty(1), np.empty(1, bool), np.zeros(1, np.int64), np.ones(1, bool)
+    some = for_python(aim)(groups, key, amounts, rates, 1e-3, 0.5, REST_SPEED, RESOLVED, may, found, which)
+    assert some == which[0] == collides
     assert found[0] == pytest.approx(target, abs=1e-15)
 
 
@@ -202,7 +201,7 @@ def test_what_sticks_aims_at_minus_half_of_its_turn(now, turned, aimed):
     rates = np.ones((7, 2))
     rates[1], rates[5], rates[6] = [0.0, now], [0.0, -0.01], [0.0, turned]
     sliding = np.zeros(2)
-    keep_sticking(groups, rates, RESOLVED, sliding)
+    for_python(write_sliding)(groups, rates, RESOLVED, sliding)
     assert sliding == pytest.approx([0.0, -0.0 if aimed is None else -0.5 * (now + 0.01)], abs=1e-15)
 
 
@@ -211,6 +210,6 @@ def test_what_is_remembered_of_a_contact():
     groups = np.array([[0, 2, 4], [2, 2, 2], [CONE] * 3, [0, 1, 2]], np.int32)
     x, rates = np.array([1.0, 0.5, 1.0, 1.0, 0.0, 0.0]), np.ones((7, 6))
     rates[1], rates[5] = np.arange(6.0), 0.5
-    take_turns(groups, rates, x, np.array([0.1, 0.2, 0.3]), np.array([0.0, 0.4, 0.0, 0.5, 0.0, 0.6]))
+    for_python(write_turns)(groups, rates, x, np.array([0.1, 0.2, 0.3]), np.array([0.0, 0.4, 0.0, 0.5, 0.0, 0.6]))
     np.testing.assert_array_equal(rates[5], [0.1, 0.4, 0.2, np.nan, np.nan, np.nan])
     np.testing.assert_array_equal(rates[6], np.arange(6.0) - 0.5)

@@ -171,7 +171,7 @@ def attempt(w, jacobian, chosen, start, moved, free, known, rounds, law, phases,
     read(w, jacobian, metric, velocity, start, free, chosen, frictional, mark, work, rows)
     write_recalled(rows.groups, rows.key, rows.rates, known.groups, known.key, known.turns)
     if surfaces_move(w):
-        add_surfaces(w, rows.groups, rows.sparse, rows.rates)
+        add_surfaces(w, rows)
     before = start
     if len(moved) > 0:
         before = velocities_at(room, 11, 1)

@@ -15,10 +15,20 @@ import numpy as np
 from impactlaw.scene.moving_surfaces import LastMotion
 from impactlaw.scene.tolerances import BLOW, PUT
 from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain, put
+from impactlaw.solvers.cones.algebra.vectors import length
 from impactlaw.stepping.compiled import libmujoco as mj
-from impactlaw.stepping.compiled.access import contact_floats, contact_ints, data_floats, model_ints, offset, size
+from impactlaw.stepping.compiled.access import (
+    bodies_of,
+    contact_ints,
+    contacts_of,
+    data_floats,
+    model_ints,
+    offset,
+    size,
+)
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, float_at, floats
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
+from impactlaw.stepping.time_stepping.problem.detection.carriers import add_carried
 
 _MEETS = 2.0
 """The value of the setting if mocap bodies can meet other bodies; otherwise it is 1."""
@@ -106,8 +116,7 @@ def _rows(w):
 @plain
 def _speed(row, at, arm):
     """Return the largest speed of a point of a body at a velocity in its row, m/s."""
-    linear = np.sqrt(row[at] ** 2 + row[at + 1] ** 2 + row[at + 2] ** 2)
-    return linear + arm * np.sqrt(row[at + 3] ** 2 + row[at + 4] ** 2 + row[at + 5] ** 2)
+    return length(row[at:]) + arm * length(row[at + 3 :])
 
 
 @kernel
@@ -192,7 +201,7 @@ def place_surfaces(w):
         for k in range(3):
             position[3 * i + k] = row[ROW.start + k] + moved[k]
         axis = moved[3:]
-        angle = np.sqrt(axis[0] ** 2 + axis[1] ** 2 + axis[2] ** 2)
+        angle = length(axis)
         for k in range(3 if angle > 0.0 else 0):
             axis[k] /= angle
         mj.axis_angle_to_quat(address_of(quat), address_of(axis), angle)
@@ -248,42 +257,10 @@ def surfaces_move(w):
 
 
 @kernel
-def _motion(w, contact, moved):
-    """Write the motion of the second surface of a contact relative to the first: velocity and spin, (6,)."""
-    rows, nbody, ngeom, m = _rows(w), size(w, MODEL.nbody), size(w, MODEL.ngeom), size(w, MODEL.nmocap)
-    body_of, root = model_ints(w, MODEL.geom_bodyid, ngeom), model_ints(w, MODEL.body_rootid, nbody)
-    mocap, place = model_ints(w, MODEL.body_mocapid, nbody), data_floats(w, DATA.mocap_pos, 3 * m)
-    geoms, point = contact_ints(w, CONTACT.geom, 2)[contact], contact_floats(w, CONTACT.pos, 3)[contact]
-    moved[:] = 0.0
-    for side in range(2):
-        body = -1 if geoms[side] < 0 else mocap[root[body_of[geoms[side]]]]
-        if body < 0:
-            continue
-        sign, velocity = 2.0 * side - 1.0, rows[body, ROW.now : ROW.width]
-        x, y, z = velocity[3], velocity[4], velocity[5]
-        a, b, c = (point[0] - place[3 * body], point[1] - place[3 * body + 1], point[2] - place[3 * body + 2])
-        moved[0] += sign * (velocity[0] + (y * c - z * b))
-        moved[1] += sign * (velocity[1] + (z * a - x * c))
-        moved[2] += sign * (velocity[2] + (x * b - y * a))
-        for k in range(3):
-            moved[3 + k] += sign * velocity[3 + k]
-
-
-@kernel
-def add_surfaces(w, groups, sparse, rates):
-    """Add the velocities of mocap bodies to the velocities of contact rows; see `rows.Rows`."""
-    moved = numbers(6)
-    address, frame = contact_ints(w, CONTACT.efc_address, 1)[:, 0], contact_floats(w, CONTACT.frame, 9)
-    for g in range(groups.shape[1]):
-        contact = groups[3, g]
-        if contact < 0:
-            continue
-        _motion(w, contact, moved)
-        for r in range(groups[0, g], groups[0, g] + groups[1, g]):
-            k = sparse[2, r] - address[contact]
-            axis, part = 3 * (k % 3), 3 * (k // 3)
-            drift = 0.0
-            for c in range(3):
-                drift += frame[contact, axis + c] * moved[part + c]
-            rates[1, r] += drift
-            rates[2, r] += drift
+def add_surfaces(w, rows):
+    """Add the velocities of mocap bodies to those of contact rows; see `carriers.add_carried`."""
+    (_, pos, frame, geom), (body, _, _), nbody = contacts_of(w), bodies_of(w), size(w, MODEL.nbody)
+    bodies = body, model_ints(w, MODEL.body_rootid, nbody), model_ints(w, MODEL.body_mocapid, nbody)
+    contacts = pos, frame, geom, contact_ints(w, CONTACT.efc_address, 1)[:, 0]
+    place = data_floats(w, DATA.mocap_pos, (size(w, MODEL.nmocap), 3))
+    add_carried(rows, contacts, bodies, place, middle_velocities(w))

@@ -17,9 +17,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlaw.compiled import for_python
 from impactlaw.scene.corrected.rounding import make_orthogonal, meet_axes
 from impactlaw.solvers.cones.algebra.loops import kernel, plain
+from impactlaw.solvers.cones.algebra.vectors import dot, minus, plus, row, write
 from impactlaw.stepping.compiled.left_out.hidden_edges import hide_edges
 
 _PARALLEL = 1e-9  # difference of normals up to which points belong to one face
@@ -70,8 +70,7 @@ def put_on_bodies(dist, pos, frame, dim, geom, body_of_geom, weld, tree):
             continue
         if abs(dist[k]) > _CLOSED or not _is_of_face(dist, geom, body_of_geom, weld, k):
             moved = True
-            for i in range(3):
-                pos[k, i] += (0.5 if first else -0.5) * dist[k] * frame[k, i]
+            write(plus(row(pos, k), (0.5 if first else -0.5) * dist[k], frame[k]), pos[k])
     return moved
 
 
@@ -81,11 +80,10 @@ def _height(dist, pos, frame, k, near):
 
     They can if the normals are equal, and point k stays between its two surfaces.
     """
-    height = 0.0
     for i in range(3):
         if abs(frame[near, i] - frame[k, i]) > _PARALLEL:
             return np.inf
-        height += frame[k, i] * (pos[near, i] - pos[k, i])
+    height = dot(frame[k], minus(row(pos, near), row(pos, k)))
     return height if abs(height) <= 0.5 * (abs(dist[k]) + abs(dist[near])) + _LEVEL else np.inf
 
 
@@ -109,8 +107,7 @@ def put_on_planes(dist, pos, frame, geom, body_of_geom, weld):
                     least, rise = abs(dist[j]), height
         if abs(rise) > _LEVEL:
             moved = True
-            for i in range(3):
-                pos[k, i] += rise * frame[k, i]
+            write(plus(row(pos, k), rise, frame[k]), pos[k])
     return moved
 
 
@@ -131,7 +128,3 @@ def mend(contacts, dim, bodies, shapes, at):
     turned = hide_edges(dist, pos, frame, geom, body_of_geom, weld, tree, shapes, at) or turned
     moved = put_on_bodies(dist, pos, frame, dim, geom, body_of_geom, weld, tree)
     return put_on_planes(dist, pos, frame, geom, body_of_geom, weld) or moved or turned
-
-
-mend_contacts = for_python(mend)
-"""The form of `mend` that Python calls."""

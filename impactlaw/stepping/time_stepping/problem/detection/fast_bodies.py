@@ -12,6 +12,7 @@ import mujoco
 
 from impactlaw.scene.tolerances import TOUCHING
 from impactlaw.solvers.cones.algebra.loops import kernel, plain
+from impactlaw.solvers.cones.algebra.vectors import axis_of, cross, dot, minus, plus, row
 from impactlaw.stepping.time_stepping.problem.detection.carriers import carried
 
 _PLANE, _CYLINDER, _BOX, _MESH, _SDF = (
@@ -40,7 +41,7 @@ def can_pass(pair, shape):
 def _has_edge(g, frame, shape, turned):
     """Return whether a contact can be at an edge of a geom: at a box or a mesh, and off the side of a cylinder."""
     if shape[g] == _CYLINDER:
-        return abs(turned[g, 2] * frame[0] + turned[g, 5] * frame[1] + turned[g, 8] * frame[2]) > _SIDE
+        return abs(dot(axis_of(turned, g, 2), frame)) > _SIDE
     return shape[g] == _BOX or shape[g] == _MESH
 
 
@@ -51,29 +52,26 @@ def thickness(g, extent):
 
 
 @plain
-def _velocity(axis, g, point, geometry, motion, carriers):
-    """Return a component of the velocity of a point of a geom, m/s."""
+def _velocity(g, point, geometry, motion, carriers):
+    """Return the velocity of a point of a geom, m/s."""
     (_, body_of_geom, _, _, root, _), (velocity, center, _, _, _) = geometry, motion
     b = body_of_geom[g]
-    i, j, c = (axis + 1) % 3, (axis + 2) % 3, root[b]
-    turning = velocity[b, i] * (point[j] - center[c, j]) - velocity[b, j] * (point[i] - center[c, i])
-    return velocity[b, 3 + axis] + turning + carried(axis, g, point, geometry, carriers)
+    own = plus(velocity[b, 3:], 1.0, cross(velocity[b], minus(point, row(center, root[b]))))
+    return plus(own, 1.0, carried(g, point, geometry, carriers))
 
 
 @plain
 def _is_fast(pair, gap, point, frame, geometry, motion, carriers):
     """Return whether two geoms move along each other by a long way in a timestep, see `_FAST` and `_BESIDE`."""
-    (_, _, extent, timestep, turned), shape, square, along = motion, geometry[0], 0.0, 0.0
-    for axis in range(3):
-        v = _velocity(axis, pair[1], point, geometry, motion, carriers)
-        v -= _velocity(axis, pair[0], point, geometry, motion, carriers)
-        square += v * v
-        along += v * frame[axis]
+    (_, _, extent, timestep, turned), shape = motion, geometry[0]
+    v = _velocity(pair[1], point, geometry, motion, carriers)
+    v = minus(v, _velocity(pair[0], point, geometry, motion, carriers))
+    along = dot(v, frame)
     way = _FAST * min(thickness(pair[0], extent), thickness(pair[1], extent))
     edges = _has_edge(pair[0], frame, shape, turned) and _has_edge(pair[1], frame, shape, turned)
     if edges and gap > _NEARLY:
         way = min(way, _BESIDE * gap)
-    return timestep * timestep * (square - along * along) > way * way
+    return timestep * timestep * (dot(v, v) - along * along) > way * way
 
 
 @plain
@@ -101,7 +99,7 @@ def leave_fast(contacts, geometry, motion, carriers, chosen, doubtful):
             and first rows, (ncon,).
         geometry: MuJoCo's geom_type, geom_bodyid, body_weldid, body_treeid, body_rootid and body_mocapid.
         motion: MuJoCo's cvel, subtree_com and geom_aabb, h, s, and geom_xmat.
-        carriers: mocap bodies, see `carriers.carried_at`.
+        carriers: mocap bodies, see `carriers.carried`.
         chosen: MuJoCo's rows that take part, bool (nefc,); written.
         doubtful: the contacts that are left out, bool (ncon,), False; written.
     """

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from impactlaw.scene.tolerances import TOUCHING
 from impactlaw.solvers.cones.algebra.loops import integers, kernel
+from impactlaw.solvers.cones.algebra.vectors import dot
 from impactlaw.stepping.compiled.left_out.hidden_edges import moving_side
 from impactlaw.stepping.time_stepping.problem.detection.fast_bodies import can_pass
 
@@ -44,10 +45,9 @@ def leave_edges(contacts, geometry, chosen, doubtful):
     for k in range(len(dist)):
         if not doubtful[k] or not chosen[address[k]]:
             continue
-        own, along = moving_side(geom[k], body_of_geom, tree), 0.0
+        own = moving_side(geom[k], body_of_geom, tree)
         s = nearest[weld[body_of_geom[geom[k, own]]]]
-        for i in range(3):
-            along += frame[k, i] * frame[s, i]
+        along = dot(frame[k], frame[s])
         if own != moving_side(geom[s], body_of_geom, tree):
             along = -along
         doubtful[k] = along < _SAME and dist[k] > dist[s] + TOUCHING

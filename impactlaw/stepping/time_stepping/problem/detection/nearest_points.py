@@ -16,6 +16,7 @@ from impactlaw.compiled import for_python
 from impactlaw.scene.corrected.side_by_side import END, find_ends, some_can_lie
 from impactlaw.scene.tolerances import APART, PARALLEL
 from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain
+from impactlaw.solvers.cones.algebra.vectors import across, cross, dot, minus, plus, row, unit, write
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.fields import address_of, floats, ints, keep
 
@@ -49,27 +50,17 @@ def _can_miss(one, other, many, spread):
 @plain
 def _turn(frame, normal):
     """Give a frame, (9,), another normal."""
-    along, square = 0.0, 0.0
-    for i in range(3):
-        along += frame[3 + i] * normal[i]
-    for i in range(3):
-        frame[i] = normal[i]
-        frame[3 + i] -= along * normal[i]
-        square += frame[3 + i] ** 2
-    for i in range(3):
-        frame[3 + i] /= np.sqrt(square)
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        frame[6 + i] = frame[j] * frame[3 + k] - frame[k] * frame[3 + j]
+    tangent = unit(across(frame[3:], normal))
+    write(normal, frame)
+    write(tangent, frame[3:])
+    write(cross(normal, tangent), frame[6:])
 
 
 @plain
 def _turn_others(first, end, nearest, normal, dist, frame):
     """Give the other contacts of faces that MuJoCo takes for parallel the normal of the nearest point."""
     for k in range(first, end):
-        cosine = 0.0
-        for i in range(3):
-            cosine += frame[k, i] * normal[i]
+        cosine = dot(frame[k], normal)
         if k != nearest and PARALLEL < cosine < _TURNED:
             dist[k] /= cosine
             _turn(frame[k], normal)
@@ -79,9 +70,7 @@ def _turn_others(first, end, nearest, normal, dist, frame):
 def _is_aside(first, end, gap, segment, frame):
     """Return whether the nearest points of two geoms are beside each other, seen along the normals of contacts."""
     for k in range(first, end):
-        along = 0.0
-        for i in range(3):
-            along += (segment[3 + i] - segment[i]) * frame[k, i]
+        along = dot(minus(segment[3:], segment), frame[k])
         if 0.0 < along / gap < _TURNED and gap * gap - along * along > _ASIDE * _ASIDE:
             return True
     return False
@@ -91,25 +80,21 @@ def _is_aside(first, end, gap, segment, frame):
 def _replace(first, end, gap, segment, dist, pos, frame):
     """Move the contact that is closest to the nearest point of two geoms there.
 
-    ``segment``, (9,), goes from the first to the second geom, ``gap``, m, is its length; the rest is scratch space.
+    ``segment``, (6,), goes from the first to the second geom, ``gap``, m, is its length.
     """
-    nearest, least, along = first, np.inf, 0.0
+    nearest, least = first, np.inf
+    way = minus(segment[3:], segment)
+    point = plus(segment, 0.5, way)
     for k in range(first, end):
-        square = 0.0
-        for i in range(3):
-            square += (0.5 * (segment[i] + segment[3 + i]) - pos[k, i]) ** 2
-        if square < least:
-            nearest, least = k, square
-    for i in range(3):
-        pos[nearest, i] = 0.5 * (segment[i] + segment[3 + i])
-        along += (segment[3 + i] - segment[i]) * frame[nearest, i]
-    dist[nearest] = along
+        away = minus(point, row(pos, k))
+        if dot(away, away) < least:
+            nearest, least = k, dot(away, away)
+    write(point, pos[nearest])
+    dist[nearest] = along = dot(way, frame[nearest])
     if abs(gap) > _MISSED and 0.0 < along / gap < _TURNED:
-        dist[nearest] = gap
-        for i in range(3):
-            segment[6 + i] = (segment[3 + i] - segment[i]) / gap
-        _turn(frame[nearest], segment[6:])
-        _turn_others(first, end, nearest, segment[6:], dist, frame)
+        dist[nearest], normal = gap, (way[0] / gap, way[1] / gap, way[2] / gap)
+        _turn(frame[nearest], normal)
+        _turn_others(first, end, nearest, normal, dist, frame)
 
 
 @kernel
@@ -125,7 +110,7 @@ def add_nearest(dist, pos, frame, geom, shape, margin, at):
         margin: geom_margin, (ngeom,); half of the sum of two is out of reach, see `margins.write_margins`.
         at: addresses of the model and of its data.
     """
-    end, some, segment = 0, False, numbers(9)
+    end, some, segment = 0, False, numbers(6)
     while end < len(dist):
         first, one, other = end, geom[end, 0], geom[end, 1]
         least, most = dist[first], dist[first]
@@ -193,15 +178,12 @@ def add_ends(contacts, reach, shapes, at):
     return some
 
 
-_add_nearest, _add_ends = for_python(add_nearest), for_python(add_ends)
-
-
 def find_nearest(model: mujoco.MjModel, data: mujoco.MjData, *, beside: bool) -> bool:
     """Do the same as `add_nearest`, and as `add_ends` where cylinders can touch side by side, with data's contacts."""
     found, at = data.contact, (model._address, data._address)
     kind, contacts = model.geom_type, (found.dist, found.pos, found.frame, found.geom)
-    nearer = bool(_add_nearest(*contacts, kind, model.geom_margin, at))
+    nearer = bool(for_python(add_nearest)(*contacts, kind, model.geom_margin, at))
     if not beside:
         return nearer
     shapes = kind, model.geom_size, data.geom_xpos, data.geom_xmat
-    return bool(_add_ends(contacts, found.includemargin, shapes, at)) or nearer
+    return bool(for_python(add_ends)(contacts, found.includemargin, shapes, at)) or nearer

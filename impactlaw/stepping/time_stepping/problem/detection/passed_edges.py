@@ -7,6 +7,8 @@ the way there. Only contacts of bodies that overlap there take part.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import mujoco
 import numpy as np
 
@@ -14,6 +16,7 @@ from impactlaw.compiled import for_python
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.scene.tolerances import APART
 from impactlaw.solvers.cones.algebra.loops import cleared, kernel, plain, put
+from impactlaw.solvers.cones.algebra.vectors import dot, minus
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.dense import sparse_jacobian
 from impactlaw.stepping.compiled.left_out.hidden_edges import moving_side
@@ -39,10 +42,8 @@ def _rate(k, contacts, geometry, carriers, jacobian, velocity):
     (_, point, frame, geom, address), (nnz, adr, col, J), along = contacts, jacobian, 0.0
     for a in range(adr[address[k]], adr[address[k]] + nnz[address[k]]):
         along += J[a] * velocity[col[a]]
-    for axis in range(3):
-        for i in range(2):
-            along += (2 * i - 1) * frame[k, axis] * carried(axis, geom[k, i], point[k], geometry, carriers)
-    return along
+    one, other = carried(geom[k, 0], point[k], geometry, carriers), carried(geom[k, 1], point[k], geometry, carriers)
+    return along + dot(frame[k], minus(other, one))
 
 
 @plain
@@ -68,7 +69,7 @@ def pass_over(
         contacts: see `fast_bodies.leave_fast`, like the next one.
         geometry: properties of geoms and bodies.
         extent: MuJoCo's geom_aabb, (ngeom, 6).
-        carriers: see `carriers.carried_at`.
+        carriers: see `carriers.carried`.
         jacobian: see `rows.Source`.
         velocity: v+, (nv,).
         timestep: h, s.
@@ -119,9 +120,6 @@ def _hits(geom, address, at, chosen, seen, doubtful, hit):
     return many
 
 
-_leave_fast, _leave_edges, _pass_over, _take_back = map(for_python, (leave_fast, leave_edges, pass_over, take_back))
-
-
 class PassedEdges:
     """Finds contacts that bodies pass, in steps that are taken in Python.
 
@@ -132,7 +130,6 @@ class PassedEdges:
 
     def __init__(self, model: mujoco.MjModel, surfaces: Surfaces | None):
         self._model, self._surfaces = model, surfaces
-        self._other: mujoco.MjData | None = None
 
     def leave_fast(self, data: mujoco.MjData, start: np.ndarray, near: np.ndarray) -> np.ndarray:
         """Return doubtful contacts, bool (ncon,), for the velocity at the start of the step, (nv,).
@@ -144,16 +141,16 @@ class PassedEdges:
         mujoco.mj_comVel(model, data)  # inertial forces have left velocities of bodies at another velocity
         data.qvel[:] = free
         motion = data.cvel, data.subtree_com, model.geom_aabb, model.opt.timestep, data.geom_xmat
-        _leave_fast(_contacts(data), self._geometry(), motion, self._carriers(data), near, doubtful)
+        for_python(leave_fast)(_contacts(data), self._geometry(), motion, self._carriers(data), near, doubtful)
         return doubtful
 
     def take_back(self, data: mujoco.MjData, near: np.ndarray, seen: np.ndarray, doubtful: np.ndarray) -> None:
         """See `fast_bodies.take_back`."""
-        _take_back(_contacts(data), near, seen, doubtful)
+        for_python(take_back)(_contacts(data), near, seen, doubtful)
 
     def leave_edges(self, data: mujoco.MjData, near: np.ndarray, doubtful: np.ndarray) -> None:
         """See `floor_edges.leave_edges`."""
-        _leave_edges(_contacts(data), self._geometry(), near, doubtful)
+        for_python(leave_edges)(_contacts(data), self._geometry(), near, doubtful)
 
     def pass_over(
         self, data: mujoco.MjData, middle: np.ndarray, near: np.ndarray, seen: np.ndarray, doubtful: np.ndarray
@@ -168,15 +165,18 @@ class PassedEdges:
             doubtful: contacts that bodies may pass, bool (ncon,).
         """
         model = self._model
-        if self._other is None:
-            self._other = mujoco.MjData(model)
         velocity, other = data.qvel.copy(), self._other
         at = model._address, other._address, other.qpos.ctypes.data, velocity.ctypes.data
-        _pass_over(
+        for_python(pass_over)(
             _contacts(data), self._geometry(), model.geom_aabb, self._carriers(data), sparse_jacobian(model, data),
             velocity, model.opt.timestep, middle, (other.qpos, other.mocap_pos, other.mocap_quat), at, near, seen,
             doubtful,
         )  # fmt: skip
+
+    @cached_property
+    def _other(self) -> mujoco.MjData:
+        """Other data of the model."""
+        return mujoco.MjData(self._model)
 
     def _carriers(self, data: mujoco.MjData) -> tuple[np.ndarray, ...]:
         velocity = np.zeros((0, 6)) if self._surfaces is None else self._surfaces.middle_velocity
