@@ -21,7 +21,7 @@ from impactlaw.scene.tolerances import meter
 from impactlaw.solvers.cones import BILATERAL
 from impactlaw.stepping.compiled.whitening import Inertia
 from impactlaw.stepping.law_targets import LawTargets
-from impactlaw.stepping.time_stepping.events import CollisionRecord, StepImpulses, beside_constraints
+from impactlaw.stepping.time_stepping.events import CollisionRecord, beside_constraints
 from impactlaw.stepping.time_stepping.problem.contact_snapshot import ContactSnapshot, in_order
 from impactlaw.stepping.time_stepping.problem.drifting_equalities import hold_constraints
 from impactlaw.stepping.time_stepping.problem.gradient_turns import write_sliding
@@ -47,6 +47,18 @@ class Start:
 
 
 @dataclass(frozen=True, eq=False)
+class StepImpulses:
+    """The effect of contact in a step."""
+
+    answer: Resolved  # sums and largest values of all phases; ``reached`` is NaN if collisions were one after another
+    velocity: np.ndarray  # velocity with these impulses, (nv,)
+    collisions: tuple[CollisionRecord, ...]  # collisions of the step, one after another
+    # whether restitution is lost: contacts that are hit only through others got no phase of their own, bodies jam, or
+    # no work was left to find how much restitution creates no energy
+    later: bool
+
+
+@dataclass(frozen=True, eq=False)
 class _Phase:
     """Simultaneous collisions: the rows, their targets, and the answer of `resolve_step`."""
 
@@ -59,10 +71,6 @@ class _Phase:
     seen: ContactSnapshot | None  # the contacts shown to the law, if it was asked
     together: bool  # whether the law couples contacts that do not influence each other
     answer: Resolved
-
-    def gives_up(self, left: np.ndarray) -> bool:
-        """Return whether restitution is given up: bodies jam, or no work was left to find what creates no energy."""
-        return bool(self.answer.share == 0.0 or self.answer.created > 0.0 >= left[0])
 
     @property
     def solved(self) -> bool:
@@ -148,9 +156,10 @@ class ContactProblem:
         cut, more, answer = False, phases, None
         for phase in range(PHASES):
             met = self._meet(step, now, before, known, rounds, may, more=more and phase < PHASES - 1)
-            cut = cut or met.cut or met.gives_up(step.left)
-            more = more and met.solved
-            answer = met.answer
+            answer, more = met.answer, more and met.solved
+            # bodies jam, or no work was left to find how much restitution creates no energy
+            gives_up = answer.share == 0.0 or answer.created > 0.0 >= step.left[0]
+            cut = bool(cut or met.cut or gives_up)
             impulse[place[met.place]] += answer.impulse
             after = after + answer.change
             missed, fastest = max(missed, answer.missed), max(fastest, answer.fastest)
@@ -165,11 +174,11 @@ class ContactProblem:
             place, may, rounds = place[where], met.later[keep], FEW_ROUNDS
             before = step.velocity + (after - step.free)
         assert answer is not None
-        reached = np.full(len(rows.key), np.nan) if phases else answer.reached
-        return StepImpulses(
-            impulse, after, answer.shift, missed, fastest, residual, work, rounding, records, cut, reached,
-            answer.sliding,
+        answer = answer._replace(
+            impulse=impulse, missed=missed, fastest=fastest, work=work, rounding=rounding, residual=residual,
+            reached=np.full(len(rows.key), np.nan) if phases else answer.reached,
         )  # fmt: skip
+        return StepImpulses(answer, after, records, cut)
 
     def _meet(
         self, step: Start, rows: Rows, before: np.ndarray, known: Known, rounds: int, may: np.ndarray, *, more: bool
@@ -214,14 +223,14 @@ class ContactProblem:
         some = for_python(aim)(
             rows.groups, rows.key, rows.amounts, rows.rates, h, e, self._rest_speed, resolved, may, target, collides
         )
-        sliding = -self._sliding * rows.before if self._sliding and some else np.zeros(n)
+        aims = Aims(target, -self._sliding * rows.before if self._sliding and some else np.zeros(n), collides)
         if some:
-            seen, together = self._collide(step, rows, before, target, sliding, collides, bound)
+            seen, together = self._collide(step, rows, before, aims, bound)
         else:
-            for_python(write_sliding)(rows.groups, rows.rates, resolved, sliding)
+            for_python(write_sliding)(rows.groups, rows.rates, resolved, aims.sliding)
         project = scaled and self._on_inadmissible == "project"
         answer = resolve_step(
-            rows, Aims(target, sliding, collides), bound, known, h, project, together,
+            rows, aims, bound, known, h, project, together,
             Method(model.dof_treeid, self._exact, rounds, step.left), step.metric,
         )  # fmt: skip
         created = answer.created
@@ -234,21 +243,14 @@ class ContactProblem:
         return _Phase(rows, np.arange(n), none, False, scalable, collides, seen, together, answer)
 
     def _collide(
-        self,
-        step: Start,
-        rows: Rows,
-        before: np.ndarray,
-        target: np.ndarray,
-        sliding: np.ndarray,
-        collides: np.ndarray,
-        bound: np.ndarray,
+        self, step: Start, rows: Rows, before: np.ndarray, aims: Aims, bound: np.ndarray
     ) -> tuple[ContactSnapshot | None, bool]:
         """Get the targets of the law, and make equality constraints keep their velocity in the collision.
 
         Write which constraints must not drive the collision. Return the contacts shown to the law, and whether the law
         couples contacts that do not influence each other.
         """
-        data, seen, together = step.data, None, False
+        data, collides, seen, together = step.data, aims.collides, None, False
         if self.targets.restitution is None:
             seen = self._see(step, rows)
             if not self.targets.alone:
@@ -258,8 +260,8 @@ class ContactProblem:
             for_python(hold_constraints)(rows, collides, kinds, self._model.dof_treeid)
             bound[:] = kinds != 0
         if seen is not None:
-            together = self._ask_law(seen, before, target, sliding, collides)
-        close_gaps(rows, self._model.dof_treeid, collides, target)
+            together = self._ask_law(seen, before, aims)
+        close_gaps(rows, self._model.dof_treeid, collides, aims.target)
         return seen, together
 
     def _kinds(self, data: mujoco.MjData, rows: Rows) -> np.ndarray:
@@ -272,15 +274,13 @@ class ContactProblem:
         kept = self._kinds(step.data, rows) != 0
         return ContactSnapshot.of(self._model, step.data, rows, kept, self.names, self.limits, step.metric)
 
-    def _ask_law(
-        self, seen: ContactSnapshot, velocity: np.ndarray, target: np.ndarray, sliding: np.ndarray, collides: np.ndarray
-    ) -> bool:
+    def _ask_law(self, seen: ContactSnapshot, velocity: np.ndarray, aims: Aims) -> bool:
         """Write the law's targets for colliding contacts, which include closed ones they reach if the law needs these.
 
         Return whether the law couples contacts that do not influence each other.
         """
-        law, rows = self.targets, seen.rows
-        groups = in_order(rows, collides)
+        law, rows, target = self.targets, seen.rows, aims.target
+        groups = in_order(rows, aims.collides)
         labels = seen.contacts(groups).labels
         if law.alone:
             target[groups] = law.of_each(labels, rows.before[rows.first[groups]])
@@ -300,7 +300,7 @@ class ContactProblem:
         if ended is None:
             target[groups] = law.of_all(collision(acts, friction=False))
         else:
-            target[groups], sliding[seen.tangential(groups)[0]] = ended
+            target[groups], aims.sliding[seen.tangential(groups)[0]] = ended
         return law.couples(asked)
 
     def _record(self, step: Start, met: _Phase, before: np.ndarray, after: np.ndarray) -> CollisionRecord:

@@ -1,4 +1,4 @@
-"""Results of the contact problem of a step: impulses, and collisions, which become events when they are read."""
+"""The collisions of a step, which become events when they are read."""
 
 from __future__ import annotations
 
@@ -215,23 +215,3 @@ def _driven_islands(
     if gains:
         driven |= total - work > DRIVEN * energy
     return np.append(driven[1:], False)
-
-
-@dataclass(frozen=True, eq=False)
-class StepImpulses:
-    """The effect of contact in a step."""
-
-    impulse: np.ndarray  # impulses of all rows, in units of the problem, (n,)
-    velocity: np.ndarray  # velocity with these impulses, (nv,)
-    shift: np.ndarray  # additional velocity that opens overlaps, (nv,), or (0,)
-    shortfall: float  # largest amount by which a contact velocity misses its target, m/s or rad/s
-    fastest: float  # largest velocity of a row, m/s or rad/s
-    residual: float  # final natural map, including friction, relative to the largest velocity
-    work: float  # work of contact, J
-    rounding: float  # part of this work that is rounding, J
-    collisions: tuple[CollisionRecord, ...]  # collisions of the step, one after another
-    # whether restitution is lost: contacts that are hit only through others got no phase of their own, bodies jam, or
-    # no work was left to find how much restitution creates no energy
-    later: bool
-    reached: np.ndarray  # targets of groups, NaN if collisions were one after another, (g,)
-    sliding: np.ndarray  # target sliding velocities, (n,)

@@ -27,7 +27,6 @@ from typing import Literal
 
 import mujoco
 import numpy as np
-from mujoco import mj_integratePos
 
 from impactlaw.compiled import for_python
 from impactlaw.errors import DivergenceError
@@ -42,7 +41,7 @@ from impactlaw.stepping.integration import check_input, empty_state, is_huge, re
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.time_stepping.contact_impulses import ContactProblem
 from impactlaw.stepping.time_stepping.end_correction import EndCorrection
-from impactlaw.stepping.time_stepping.events import StepImpulses, events_of
+from impactlaw.stepping.time_stepping.events import CollisionRecord, events_of
 from impactlaw.stepping.time_stepping.free_motion import (
     detect_farther,
     frames_of,
@@ -119,7 +118,7 @@ class TimeStepping:
         self._left: tuple[bytes, ...] = ()
         self._frames: tuple[bytes, ...] = ()
         self._known: Known | None = None
-        self._found: StepImpulses | None = None
+        self._collisions: tuple[CollisionRecord, ...] = ()
         self._rows: Rows | None = None
         self._contacts = np.zeros((0, 2), np.int32), np.zeros(0)  # geoms and gaps of contacts in the middle of the step
         self._counted = False
@@ -224,12 +223,11 @@ class TimeStepping:
 
     def _events(self) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
         """Return a function that returns the collisions of the last step, or ()."""
-        collisions = () if self._found is None else self._found.collisions
-        return partial(events_of, collisions) if collisions else ()
+        return partial(events_of, self._collisions) if self._collisions else ()
 
     def _step(self, data: mujoco.MjData) -> None:
         model, h = self.model, self.model.opt.timestep
-        self._found = self._rows = None
+        self._collisions, self._rows = (), None
         self.shortfall = 0.0
         same = (data.qpos.tobytes(), data.qvel.tobytes()) == self._left
         if not same or frames_of(data) != self._frames:
@@ -254,9 +252,9 @@ class TimeStepping:
         data.qpos[:] = self._middle
         if model.nsensordata:
             sense(model, data, self._velocity, self._listed)
-        mj_integratePos(model, data.qpos, data.qvel, 0.5 * h)
+        mujoco.mj_integratePos(model, data.qpos, data.qvel, 0.5 * h)
         if shift is not None:
-            mj_integratePos(model, data.qpos, shift, h)
+            mujoco.mj_integratePos(model, data.qpos, shift, h)
         if is_huge(data):
             raise DivergenceError(f"position or velocity is not finite, or huge, at t = {data.time - h:.6g} s")
         if self._surfaces is not None:
@@ -289,13 +287,12 @@ class TimeStepping:
                 self.model, data, self._options, self._velocity, free, self._middle, self._sizes, self._surfaces
             )
             outcome, farther = working_set.find(data, outcome.known), farther + 1
-        self._found, self._rows = outcome.impulses, outcome.rows
+        found, self._rows = outcome.impulses, outcome.rows
+        self._collisions = found.collisions if found else ()
         self._contacts = data.contact.geom.copy(), data.contact.dist.copy()
-        found = self._found
         data.qpos[:] = self._middle  # the integrator has changed it: limits are counted at the midpoint
-        write_forces(
-            self.model, data, self._velocity, self._options.cone, (outcome.rows, found.impulse) if found else None
-        )
+        impulses = (outcome.rows, found.answer.impulse) if found else None
+        write_forces(self.model, data, self._velocity, self._options.cone, impulses)
         met = outcome.met and not self._overflown
         self.solved = met and not outcome.loses and not outruns
         self._counted = not (self.solved and outcome.rubs)
@@ -303,13 +300,14 @@ class TimeStepping:
             self._counted |= self._end_correction.begins_deep(outcome.rows, self._known, left)
         self.short_steps += self._counted
         self._known = outcome.known if found else None
-        if found:
-            if not found.collisions:
-                self._held = data.qvel - outcome.free
-            rows = outcome.rows
-            for_python(write_turns)(rows.groups, rows.rates, found.impulse, found.reached, found.sliding)
-        self.shortfall = found.shortfall if found else 0.0
-        return (found.shift if found and len(found.shift) else None), met
+        if not found:
+            return None, met
+        if not found.collisions:
+            self._held = data.qvel - outcome.free
+        rows, answer = outcome.rows, found.answer
+        for_python(write_turns)(rows.groups, rows.rates, answer.impulse, answer.reached, answer.sliding)
+        self.shortfall = answer.missed
+        return (answer.shift if len(answer.shift) else None), met
 
     def _outruns(self, data: mujoco.MjData, outcome: Outcome) -> bool:
         """Return whether a collision throws a body farther than contacts were looked for, although there was room."""

@@ -10,8 +10,7 @@ import numpy as np
 from impactlaw.compiled import for_python
 from impactlaw.stepping.compiled.dense import sparse_jacobian
 from impactlaw.stepping.compiled.whitening import Inertia
-from impactlaw.stepping.time_stepping.contact_impulses import ContactProblem, Start
-from impactlaw.stepping.time_stepping.events import StepImpulses
+from impactlaw.stepping.time_stepping.contact_impulses import ContactProblem, Start, StepImpulses
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, SMALL_PART, InertialForces
 from impactlaw.stepping.time_stepping.problem.detection.passed_edges import PassedEdges
 from impactlaw.stepping.time_stepping.problem.energy import add_before
@@ -53,12 +52,12 @@ class Outcome:
     @property
     def met(self) -> bool:
         """Whether the law is met in the normal directions."""
-        return self.impulses is None or is_met(self.impulses.shortfall, self.impulses.fastest)
+        return self.impulses is None or is_met(self.impulses.answer.missed, self.impulses.answer.fastest)
 
     @property
     def rubs(self) -> bool:
         """Whether friction is met, too."""
-        return self.impulses is None or self.impulses.residual <= SHORTFALL_LIMIT
+        return self.impulses is None or self.impulses.answer.residual <= SHORTFALL_LIMIT
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,8 +119,8 @@ class WorkingSet:
         if found.impulses is None or not found.impulses.collisions or not forces.act:
             return found
         own = forces.created(data, v, h)
-        created = self._size(found.impulses.work + own, found.rows)
-        if not created > found.impulses.rounding or self._size(own, found.rows) < SMALL_PART * created:
+        created = self._size(found.impulses.answer.work + own, found.rows)
+        if not created > found.impulses.answer.rounding or self._size(own, found.rows) < SMALL_PART * created:
             return found
         best, was, gravity = (self, free, created), np.inf, forces.at(data, np.zeros_like(v))
         begin, begins = forces.half(data, v, gravity, metric, -h)
@@ -132,7 +131,8 @@ class WorkingSet:
             found = moved._try(data, near, free, found.known, found.collided)
             used, (end, _) = end, forces.half(data, data.qvel, gravity, metric, h)
             mean = forces.kick(data.qvel, end, metric, 0.25 * h)
-            work, rounding = (found.impulses.work, found.impulses.rounding) if found.impulses else (0.0, 0.0)
+            answer = found.impulses.answer if found.impulses else None
+            work, rounding = (answer.work, answer.rounding) if answer else (0.0, 0.0)
             created = self._size(work + 0.5 * h * float(mean @ (end - used)), found.rows)
             if created < best[2]:
                 best = moved, free, created
@@ -171,4 +171,4 @@ class WorkingSet:
         step = Start(data, before, free, self.middle, self.metric, self.work)
         found = self.problem.find(step, rows, known, self.rounds, phases=self.phases)
         data.qvel[:] = found.velocity
-        return Outcome(rows, found, rows.known(found.impulse), free)
+        return Outcome(rows, found, rows.known(found.answer.impulse), free)

@@ -265,7 +265,7 @@ def test_after_collisions_one_after_another_no_turn_is_known(monkeypatch):
 
     def spy(self, step, rows, *arguments, phases):
         found = find(self, step, rows, *arguments, phases=phases)
-        known.append((phases, len(rows.key), found.reached))
+        known.append((phases, len(rows.key), found.answer.reached))
         return found
 
     monkeypatch.setattr(ContactProblem, "find", spy)
