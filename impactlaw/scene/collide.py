@@ -16,7 +16,7 @@ _PLANE, _CYLINDER, _CAPSULE, _BOX, *_PIECES = (
 )
 
 
-class Cylinders(NamedTuple):
+class CorrectedGeoms(NamedTuple):
     """The geoms of a scene that matter for the contacts of cylinders, capsules and boxes which `collide` corrects."""
 
     planes: np.ndarray  # on which cylinders can stand
@@ -28,8 +28,8 @@ class Cylinders(NamedTuple):
     beside: bool  # whether any of these can touch along a line
 
 
-def cylinders_of(model: mujoco.MjModel) -> Cylinders | None:
-    """Return the planes and cylinders of a scene; None if it has no cylinders, nor geoms that touch along a line."""
+def corrected_geoms(model: mujoco.MjModel) -> CorrectedGeoms | None:
+    """Return these geoms of a scene; None if it has no cylinders, nor geoms that touch along a line."""
     kind, beside = model.geom_type, some_side_by_side(model)
     is_cylinder, is_long = kind == _CYLINDER, (kind == _CYLINDER) | (kind == _CAPSULE)
     planes, cylinders = np.flatnonzero(kind == _PLANE), np.flatnonzero(is_cylinder)
@@ -37,28 +37,28 @@ def cylinders_of(model: mujoco.MjModel) -> Cylinders | None:
         return None
     on_faces = len(cylinders) > 0 and bool(np.isin(kind, [_BOX, *_PIECES]).any())
     lines = 2 * is_long + (kind == _BOX)
-    return Cylinders(planes, cylinders, is_cylinder, lines > 0, tuple(lines.tolist()), on_faces, beside)
+    return CorrectedGeoms(planes, cylinders, is_cylinder, lines > 0, tuple(lines.tolist()), on_faces, beside)
 
 
-def collide(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders | None, *, stands: bool) -> None:
+def collide(model: mujoco.MjModel, data: mujoco.MjData, chosen: CorrectedGeoms | None, *, stands: bool) -> None:
     """Run MuJoCo's collision detection at the current frames (`update_positions`); replaces data.contact.
 
     With the result of `present`, the contacts of cylinders on planes, boxes, meshes and each other are corrected.
     """
-    if stands and cylinders is not None:
-        _find_standing(model, data, cylinders)
+    if stands and chosen is not None:
+        _find_standing(model, data, chosen)
     else:
         _find_contacts(model, data)
-    if cylinders is None or data.ncon == 0 or not (cylinders.on_faces or cylinders.beside):
+    if chosen is None or data.ncon == 0 or not (chosen.on_faces or chosen.beside):
         return
     geoms = data.contact.geom
     # imports of compiled code, which reading other scenes should not load
-    if cylinders.on_faces and np.count_nonzero(cylinders.is_cylinder[geoms]):
+    if chosen.on_faces and np.count_nonzero(chosen.is_cylinder[geoms]):
         from impactlaw.compiled import for_python
         from impactlaw.scene.corrected.rounding import meet_axes
 
         for_python(meet_axes)(*_shapes(model, data), geoms, data.contact.pos, data.contact.frame)
-    if cylinders.beside and _some_on_lines(cylinders.lines, geoms):
+    if chosen.beside and _some_on_lines(chosen.lines, geoms):
         from impactlaw.compiled import for_python
         from impactlaw.scene.corrected.side_by_side import END, find_ends
 
@@ -82,7 +82,7 @@ def _shapes(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarray, ...
     return model.geom_type, model.geom_size, data.geom_xpos, data.geom_xmat
 
 
-def _find_standing(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylinders) -> None:
+def _find_standing(model: mujoco.MjModel, data: mujoco.MjData, chosen: CorrectedGeoms) -> None:
     """Find contacts, those of cylinders that stand on planes with the right distances."""
     # compiled code, which reading other scenes should not load
     from impactlaw.compiled import for_python
@@ -90,7 +90,7 @@ def _find_standing(model: mujoco.MjModel, data: mujoco.MjData, cylinders: Cylind
 
     frames = data.geom_xmat.copy()
     try:
-        align(cylinders.planes, cylinders.cylinders, data.geom_xmat)  # so that MuJoCo finds contacts of upright ones
+        align(chosen.planes, chosen.cylinders, data.geom_xmat)  # so that MuJoCo finds contacts of upright ones
         _find_contacts(model, data)
     finally:
         data.geom_xmat[:] = frames
@@ -108,8 +108,8 @@ def _add(model: mujoco.MjModel, data: mujoco.MjData, ends: np.ndarray) -> None:
         added.dist, added.pos, added.frame = ends[k, 0], ends[k, 1:4], ends[k, 4:]
 
 
-def present(model: mujoco.MjModel, geoms: Cylinders) -> tuple[Cylinders | None, bool]:
-    """Return the cylinders if any can be in contact now (those of pictures cannot), and whether they can stand."""
+def present(model: mujoco.MjModel, geoms: CorrectedGeoms) -> tuple[CorrectedGeoms | None, bool]:
+    """Return the geoms if any can be in contact now (those of pictures cannot), and whether cylinders can stand."""
     meets = (model.geom_contype | model.geom_conaffinity != 0) | (model.npair > 0)
     if not (meets & geoms.is_straight).any():
         return None, False

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from impactlaw.scene.collide import collide, cylinders_of
+from impactlaw.scene.collide import collide, corrected_geoms
 from impactlaw.scene.contacts import (
     Contacts,
     forget_rows,
@@ -77,7 +77,7 @@ class Detector:
         self._has_faces = faces
         self._has_limits, self._limits_of_rows = bool(self.limits), self.limits.of_rows
         has = {"limits": self._limits_of_rows, "bilateral": self._has_bilateral}
-        self.options = BorrowedOptions(model, cylinders_of(model), convex=convex, **has)
+        self.options = BorrowedOptions(model, corrected_geoms(model), convex=convex, **has)
         alone = not (self._has_limits or self._has_bilateral)
         self.patterns = Patterns(model, self.names, self.limits.labels, faces=faces, friction=friction, alone=alone)
         nothing = np.zeros((0, 2), int)
@@ -192,7 +192,7 @@ class Detector:
 
     def _collide(self, data: mujoco.MjData, within: float, *, several: bool = False) -> None:
         self.options.look(within + SKIN, several=several)
-        collide(self._model, data, self.options.cylinders, stands=self.options.stands)
+        collide(self._model, data, self.options.corrected, stands=self.options.stands)
 
     def _read(self, data: mujoco.MjData) -> tuple[Pattern, Contacts]:
         found = data.contact

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mujoco
 
-from impactlaw.scene.collide import Cylinders, present
+from impactlaw.scene.collide import CorrectedGeoms, present
 from impactlaw.scene.joint_limits import slack_ropes
 from impactlaw.scene.tolerances import CCD_TOLERANCE, NEVER
 
@@ -26,7 +26,7 @@ class BorrowedOptions:
 
     Args:
         model: the scene.
-        cylinders: the cylinders of the scene whose contacts are to be corrected.
+        corrected: the geoms of the scene whose contacts are to be corrected.
         convex: whether MuJoCo's general convex collider measures pairs of geoms; its tolerance is then tightened.
         limits: whether near limits of joints and tendons are to be read from constraint rows.
         bilateral: whether equality constraints take part in collisions.
@@ -37,16 +37,16 @@ class BorrowedOptions:
         enabled: the user's enable flags.
         several: whether the user lets MuJoCo look for several contacts between faces.
         limited: whether the user has limits on. (If contacts are off, detection reports none.)
-        cylinders: the cylinders that can be in contact now.
-        stands: whether some of them can stand on planes.
+        corrected: those of these geoms that can be in contact now.
+        stands: whether some cylinders can stand on planes.
     """
 
     def __init__(
-        self, model: mujoco.MjModel, cylinders: Cylinders | None, *, convex: bool, limits: bool, bilateral: bool
+        self, model: mujoco.MjModel, corrected: CorrectedGeoms | None, *, convex: bool, limits: bool, bilateral: bool
     ):
-        self._model, self._all_cylinders = model, cylinders
+        self._model, self._all_corrected = model, corrected
         self._masks: tuple[bytes, bytes] = b"", b""  # masks of geoms that the next two attributes are for
-        self.cylinders, self.stands = None, False
+        self.corrected, self.stands = None, False
         self._convex = convex
         self._limits = limits
         self._bilateral = bilateral
@@ -59,11 +59,11 @@ class BorrowedOptions:
         self._kept = disabled, enabled, opt.o_margin
         self.several = not disabled & _SINGLE
         self.limited = not disabled & (_LIMIT | _CONSTRAINT)
-        if self._all_cylinders is not None:
+        if self._all_corrected is not None:
             masks = self._model.geom_contype.tobytes(), self._model.geom_conaffinity.tobytes()
             if masks != self._masks:  # the first time, or they were changed
                 self._masks = masks
-                self.cylinders, self.stands = present(self._model, self._all_cylinders)
+                self.corrected, self.stands = present(self._model, self._all_corrected)
         self._jacobian = opt.jacobian
         self._sparse = self._large if self._jacobian == _AUTO else self._jacobian != _DENSE
         self._smooth = disabled | _SMOOTH_OFF | _LIMIT, enabled & ~_SLEEP
