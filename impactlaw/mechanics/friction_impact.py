@@ -69,13 +69,11 @@ class FrictionImpact(Impact):
         )
 
     @classmethod
-    def observed(
-        cls, collision: Collision, post_velocity: ArrayLike, *, near: FrictionImpact | None = None
-    ) -> FrictionImpact:
+    def observed(cls, collision: Collision, post_velocity: ArrayLike) -> FrictionImpact:
         """Audit an outcome with friction from any source, see `Impact.observed`.
 
         The impulse is one in the friction cones whose velocity jump is nearest to the observed jump; it is not unique
-        where contacts are redundant. The search starts from the impulse of the impact ``near``, if given.
+        where contacts are redundant.
 
         Raises:
             InvalidCollisionError: post_velocity does not fit, or the collision has no friction.
@@ -83,8 +81,7 @@ class FrictionImpact(Impact):
         """
         v, rows = checked(collision).velocity(post_velocity, "post_velocity"), cone_gradients(collision)
         jump = collision.metric.whiten(v - collision.pre_velocity)
-        guess = None if near is None or len(near.cone_impulse) != len(rows) else near.cone_impulse
-        answer = solve_cones(ConeProblem(rows, -(rows @ jump), collision.cone_rows.sizes, exact=False), guess)
+        answer = solve_cones(ConeProblem(rows, -(rows @ jump), collision.cone_rows.sizes, exact=False))
         if answer.status is not Status.SOLVED:
             raise SolverError(f"no impulse nearest to this velocity was found: residual {answer.residual:.1e} sqrt(J)")
         return replace(cls.of_cones(collision, answer.impulse, jump), post_velocity=v)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -21,6 +20,7 @@ from impactlaw.scene.tolerances import SKIN
 from impactlaw.stepping.event_driven.configuration import Configuration
 from impactlaw.stepping.event_driven.contact_set import ContactSet
 from impactlaw.stepping.event_driven.contact_state import ContactState
+from impactlaw.stepping.event_driven.location.gap_functions import Node
 from impactlaw.stepping.event_driven.location.travel import Frames, Travel
 from impactlaw.stepping.event_driven.location.trial_step import TrialStep
 from impactlaw.stepping.event_driven.matching import match
@@ -31,14 +31,6 @@ _INNER = 0.02  # distance of a trial step from the ends of its bracket, as a par
 _WIDE = 1e-2  # part of the scene's size above which the crude bound on motion is too wide for a look at contacts
 _WIDE_FOR_FEW = 5e-2  # the same if so few pairs of geoms can meet that hardly more of them are found
 _FEW = 20  # number of such pairs
-
-
-class _Node(NamedTuple):
-    """A gap, m, after a time, s, and its derivative by that time, m/s."""
-
-    time: float
-    gap: float
-    slope: float
 
 
 class Dips:
@@ -183,7 +175,7 @@ class Dips:
 
     def _search(
         self,
-        suspects: dict[int, _Node],
+        suspects: dict[int, Node],
         trial: TrialStep,
         state: np.ndarray,
         try_for: Callable[[float], TrialStep],
@@ -194,7 +186,7 @@ class Dips:
         starts = self._at_start(suspects, trial, state, within)
         for key, start in starts.items():
 
-            def gap_after(time: float, key: int = key) -> tuple[TrialStep, _Node | None]:
+            def gap_after(time: float, key: int = key) -> tuple[TrialStep, Node | None]:
                 shorter = try_for(time)
                 if shorter.gap < -self._tolerance:
                     return shorter, None
@@ -214,8 +206,8 @@ class Dips:
         return None
 
     def _at_start(
-        self, suspects: dict[int, _Node], trial: TrialStep, state: np.ndarray, within: float
-    ) -> dict[int, _Node | None]:
+        self, suspects: dict[int, Node], trial: TrialStep, state: np.ndarray, within: float
+    ) -> dict[int, Node | None]:
         """Return the suspects that close at the start of the phase, with their gaps there.
 
         The gap is None if bodies turn too far for the start to tell.
@@ -234,7 +226,7 @@ class Dips:
             if key in at_start and (at_start[key].slope < 0.0 or (turns and not single[key]))
         }
 
-    def _suspects(self, found: ContactSet, trial: TrialStep) -> dict[int, _Node]:
+    def _suspects(self, found: ContactSet, trial: TrialStep) -> dict[int, Node]:
         """Return contacts that may have been closed within a trial, by key, except those that were closed before."""
         phase, phase_end = trial.phase, trial.phase_end
         slope = self._slopes(found.contact_velocity, phase.start.velocity)
@@ -248,17 +240,17 @@ class Dips:
         opens &= ~(found.pattern.vague & np.isin(found.pattern.key, held))
         if not np.count_nonzero(opens):
             return {}
-        result: dict[int, _Node] = {}
+        result: dict[int, Node] = {}
         for i in np.flatnonzero(opens)[np.argsort(-found.gap[opens])].tolist():
-            result[int(found.pattern.key[i])] = _Node(phase.duration, float(found.gap[i]), float(slope[i]))
+            result[int(found.pattern.key[i])] = Node(phase.duration, float(found.gap[i]), float(slope[i]))
         return result
 
-    def _nodes(self, found: ContactSet, before: np.ndarray, time: float) -> dict[int, _Node]:
+    def _nodes(self, found: ContactSet, before: np.ndarray, time: float) -> dict[int, Node]:
         """Return the smallest gap of each pair after a time, s; at the start, the gap that closes fastest."""
         slope = self._slopes(found.contact_velocity, before) if time > 0.0 else found.contact_velocity(before)
         order = np.argsort(-slope if time == 0.0 else -found.gap)
         key = found.pattern.key
-        return {int(key[i]): _Node(time, float(found.gap[i]), float(slope[i])) for i in order.tolist()}
+        return {int(key[i]): Node(time, float(found.gap[i]), float(slope[i])) for i in order.tolist()}
 
     def _slopes(self, rates: Callable[[np.ndarray], np.ndarray], before: np.ndarray) -> np.ndarray:
         """Return the derivative of gaps by the duration of the phase, m/s, (h,), given contact velocities by qvel.
@@ -297,7 +289,7 @@ def _opens(gap: np.ndarray, slope: np.ndarray, duration: float, tolerance: float
 
 
 def _find_negative(
-    gap_after: Callable[[float], tuple[TrialStep, _Node | None]], low: _Node | None, high: _Node, tolerance: float
+    gap_after: Callable[[float], tuple[TrialStep, Node | None]], low: Node | None, high: Node, tolerance: float
 ) -> TrialStep | None:
     """Return a trial at whose end a gap is negative; None if the gap is never negative, or no such trial is found.
 
@@ -324,7 +316,7 @@ def _find_negative(
     return None
 
 
-def _lowest(low: _Node | None, high: _Node, least: float) -> float:
+def _lowest(low: Node | None, high: Node, least: float) -> float:
     """Return a lower bound of a convex gap between two times, m, by its tangents, or any bound below ``least``."""
     if low is None:
         return -math.inf if high.gap - high.slope * high.time < least else 0.0
@@ -332,7 +324,7 @@ def _lowest(low: _Node | None, high: _Node, least: float) -> float:
     return low.gap + low.slope * (meet - low.time)
 
 
-def _bottom(low: _Node, high: _Node) -> float:
+def _bottom(low: Node, high: Node) -> float:
     """Return the time of the lowest point of the cubic through two nodes, between which it falls and then rises."""
     span = high.time - low.time
     rise, first, last = high.gap - low.gap, low.slope * span, high.slope * span

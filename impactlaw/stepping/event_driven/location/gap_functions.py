@@ -23,7 +23,9 @@ class Observation(NamedTuple):
     before: float  # contact velocity at the start of the phase, m/s
 
 
-class _Node(NamedTuple):
+class Node(NamedTuple):
+    """A gap, m, after a time, s, and its derivative by that time, m/s."""
+
     time: float
     gap: float
     slope: float
@@ -45,7 +47,7 @@ class GapFunctions:
 
     def __init__(self, gap: np.ndarray, velocity: np.ndarray, *, exact: bool):
         self._start, self._exact = (gap, velocity), exact
-        self._nodes: dict[int, list[_Node]] = {}
+        self._nodes: dict[int, list[Node]] = {}
         self._deep: dict[float, list[int]] = {}
         self.low = 0.0
 
@@ -60,21 +62,21 @@ class GapFunctions:
             if place and nodes[place - 1].time == time:
                 continue  # of two contacts of one pair, keep the first
             slope = rate if self._exact or not nodes else _bent_slope(nodes, time, gap)
-            nodes.insert(place, _Node(time, gap, slope))
+            nodes.insert(place, Node(time, gap, slope))
             if gap < 0:
                 deep.append(contact)
         if not deep:
             self.low = max(self.low, time)
 
-    def _first(self, contact: int, time: float, gap: float, rate: float, before: float) -> list[_Node]:
+    def _first(self, contact: int, time: float, gap: float, rate: float, before: float) -> list[Node]:
         """Return the node of a contact at the start.
 
         A contact that was too far away to be seen there is extrapolated by a parabola; the list is empty if that fails.
         """
         if contact >= 0:
-            return [_Node(0.0, max(self._start[0].item(contact), 0.0), self._start[1].item(contact))]
+            return [Node(0.0, max(self._start[0].item(contact), 0.0), self._start[1].item(contact))]
         travel = (0.5 * (before + rate) if self._exact else rate) * time
-        return [_Node(0.0, gap - travel, before)] if gap > travel else []
+        return [Node(0.0, gap - travel, before)] if gap > travel else []
 
     def closing(self, low: float, high: float) -> float | None:
         """Return when the first of the gaps that are negative after one phase closed; None if the nodes do not show it.
@@ -93,7 +95,7 @@ class GapFunctions:
         return earliest if earliest < high else None
 
 
-def _bent_slope(nodes: list[_Node], time: float, gap: float) -> float:
+def _bent_slope(nodes: list[Node], time: float, gap: float) -> float:
     """Return the slope at a gap of the parabola through it and the two nearest nodes, or through the only node."""
     one, *others = sorted(nodes, key=lambda node: abs(node.time - time))
     chord = (gap - one.gap) / (time - one.time)
@@ -103,12 +105,12 @@ def _bent_slope(nodes: list[_Node], time: float, gap: float) -> float:
     return chord + (gap - other.gap) / (time - other.time) - (one.gap - other.gap) / (one.time - other.time)
 
 
-def _zero_before(node: _Node) -> float:
+def _zero_before(node: Node) -> float:
     """Return where the tangent at a node becomes negative; infinite if it rises."""
     return node.time - node.gap / node.slope if node.slope < 0.0 else math.inf
 
 
-def _first_zero(one: _Node, other: _Node) -> float:
+def _first_zero(one: Node, other: Node) -> float:
     """Return where the cubic through two nodes first becomes negative between them; infinite if it starts negative."""
     d = other.time - one.time
     rise, zero, first, last = other.gap - one.gap, one.gap, one.slope * d, other.slope * d
