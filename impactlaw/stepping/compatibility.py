@@ -14,7 +14,7 @@ from impactlaw.laws import Coulomb, Fremond, Law, LinearMap, Routh
 from impactlaw.laws.restitution.coefficients import ContactCoefficients
 from impactlaw.laws.restitution.labels import canonical, check_labels
 from impactlaw.laws.restitution.on_contacts import Chosen
-from impactlaw.scene.contacts import geom_names
+from impactlaw.scene.contacts import contact_labels, geom_names
 from impactlaw.scene.friction_rows import pair_friction
 from impactlaw.scene.joint_limits import Limits
 from impactlaw.scene.pairs import geom_pairs, one_contact
@@ -193,10 +193,8 @@ def check_law(model: mujoco.MjModel, law: Law, chosen: Chosen | None = None) -> 
             f"the linear map is for {len(inner.h)} degrees of freedom, but the scene has {model.nv}"  # pyright: ignore[reportArgumentType]
         )
     if used:
-        names = geom_names(model)
-        pairs = tuple(f"{names[a]}/{names[b]}" for a, b in geom_pairs(model).geoms)
-        check_labels(used, pairs + Limits(model).names, patterns=not isinstance(inner, Fremond))
-        known = pairs + Limits(model).names
+        known = contact_labels(geom_pairs(model).geoms, geom_names(model)) + Limits(model).names
+        check_labels(used, known, patterns=not isinstance(inner, Fremond))
         _check_all_named(inner, known if chosen is None else tuple(compress(known, chosen.mask(known))))
     if size == 0:
         raise RestitutionError(f"{type(inner).__name__} has coefficients for no contact; key them by contact label")

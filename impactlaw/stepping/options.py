@@ -11,7 +11,7 @@ import numpy as np
 from impactlaw.errors import OptionError, SceneError, UnknownNameError
 from impactlaw.laws.restitution.labels import canonical, matches
 from impactlaw.laws.restitution.on_contacts import Chosen
-from impactlaw.scene.contacts import geom_names
+from impactlaw.scene.contacts import contact_labels, geom_names
 from impactlaw.scene.joint_limits import Limits
 from impactlaw.scene.pairs import geom_pairs
 from impactlaw.solvers import SOLVERS
@@ -101,8 +101,7 @@ def select(model: mujoco.MjModel, contacts: str | Sequence[str] | None, limits: 
         raise OptionError(
             f'contacts is a pattern such as "*foot*" or "*foot*/floor", or a list of these; got {contacts!r}'
         )
-    names = geom_names(model)
-    known = sorted({f"{names[a]}/{names[b]}" for a, b in geom_pairs(model).geoms})
+    known = sorted(set(contact_labels(geom_pairs(model).geoms, geom_names(model))))
     found: set[str] = set()
     for pattern in patterns:
         fitting = {canonical(label) for label in known if matches(pattern, label)}

@@ -10,7 +10,7 @@ import numpy as np
 
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction import Friction
-from impactlaw.scene.contacts import Contacts
+from impactlaw.scene.contacts import Contacts, contact_labels
 from impactlaw.scene.equality_constraints import rows_that_count
 from impactlaw.scene.joint_limits import NO_GEOM, Limits, LimitState
 from impactlaw.stepping.compiled.whitening import Inertia
@@ -68,23 +68,18 @@ class ContactSnapshot:
         """Return some groups as contacts; their indices, int (h,), begin with contacts and end with limits."""
         source = self.rows.source[groups]
         index = source[source >= 0]
-        codes = self._limit_codes(source[source < -1])
+        state, rows = self.limit_state, (-2 - source[source < -1]).tolist()
+        codes = np.array([] if state is None else [self.limits.code(state, row) for row in rows], int)
         geoms, normal = self.geoms[index].astype(int), self.frame[index, :3]
         swapped = geoms[:, 0] > geoms[:, 1]
         geoms[swapped], normal[swapped] = geoms[swapped, ::-1], -normal[swapped]
-        labels = [f"{self.names[a]}/{self.names[b]}" for a, b in geoms]
-        labels += [self.limits.labels[code] for code in codes]
+        labels = contact_labels(geoms, self.names) + tuple(self.limits.labels[code] for code in codes)
         position = self.position[index]
-        if self.limit_state is not None:
-            place, axis = self.limits.places(self.limit_state, codes)
+        if state is not None:
+            place, axis = self.limits.places(state, codes)
             position, normal = np.concatenate([position, place]), np.concatenate([normal, axis])
         geoms = np.concatenate([geoms, np.full((len(codes), 2), NO_GEOM)])
-        return Contacts(tuple(labels), geoms, self.rows.gap[groups], position, normal)
-
-    def _limit_codes(self, source: np.ndarray) -> np.ndarray:
-        """Return the limits that these sources of groups stand for, int (l,)."""
-        state = self.limit_state
-        return np.array([] if state is None else [self.limits.code(state, row) for row in (-2 - source).tolist()], int)
+        return Contacts(labels, geoms, self.rows.gap[groups], position, normal)
 
     def tangential(self, groups: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the friction rows of some groups, int (k,), and the index of the group of each row, int (k,)."""
