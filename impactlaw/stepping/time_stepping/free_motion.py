@@ -4,16 +4,6 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
-from mujoco import (
-    mj_comPos,
-    mj_comVel,
-    mj_fwdAcceleration,
-    mj_fwdActuation,
-    mj_fwdPosition,
-    mj_fwdVelocity,
-    mj_integratePos,
-    mj_kinematics,
-)
 
 from impactlaw.compiled import for_python
 from impactlaw.scene.moving_surfaces import Surfaces
@@ -34,9 +24,9 @@ _NO_ACTUATION = int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
 
 def update_frames(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     """Update frames and velocities of bodies to the state."""
-    mj_kinematics(model, data)
-    mj_comPos(model, data)
-    mj_comVel(model, data)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_comVel(model, data)
 
 
 def frames_of(data: mujoco.MjData) -> tuple[bytes, ...]:
@@ -57,7 +47,7 @@ def reach(model: mujoco.MjModel, data: mujoco.MjData, gained: np.ndarray, sizes:
     for_python(write_sizes)(sizes, *geoms, model.body_ipos)
     velocity, now = data.qvel.copy(), data.cvel.copy()
     data.qvel += gained
-    mj_comVel(model, data)
+    mujoco.mj_comVel(model, data)
     data.qvel[:] = velocity
     _set_margins(model, data, now, data.cvel, sizes, surface)
 
@@ -76,7 +66,7 @@ def _set_margins(
 
 def outrun(model: mujoco.MjModel, data: mujoco.MjData, sizes: np.ndarray) -> bool:
     """Return whether a collision throws a body farther in a timestep than contacts were looked for."""
-    mj_comVel(model, data)
+    mujoco.mj_comVel(model, data)
     margins = model.body_margin, model.geom_margin, model.geom_bodyid
     bodies = model.body_rootid, model.body_treeid, sizes, data.xipos
     return bool(for_python(outruns)(*margins, *bodies, data.subtree_com, data.cvel, model.opt.timestep))
@@ -99,11 +89,11 @@ def detect_farther(
     """
     led_to, before = data.cvel.copy(), options.margins()
     data.qpos[:], data.qvel[:] = middle, start
-    mj_comVel(model, data)
+    mujoco.mj_comVel(model, data)
     _set_margins(model, data, data.cvel, led_to, sizes, 0.0 if surfaces is None else surfaces.speed)
     options.widen_margins(before)
     overflown = _find_contacts(model, data, options, surfaces)
-    mj_fwdVelocity(model, data)
+    mujoco.mj_fwdVelocity(model, data)
     data.qvel[:] = free
     return overflown
 
@@ -121,21 +111,21 @@ def to_midpoint(
         data.time = now + 0.5 * h
         surfaces.place(data)
         data.time = now
-    mj_integratePos(model, data.qpos, data.qvel, 0.5 * h)
+    mujoco.mj_integratePos(model, data.qpos, data.qvel, 0.5 * h)
     middle = data.qpos.copy()
     overflown = _find_contacts(model, data, options, surfaces)
     if model.nsensordata:
         data.flg_subtreevel = data.flg_rnepost = False  # otherwise MuJoCo would reuse results of the last step
         data.flg_energypos = data.flg_energyvel = False
         without_far_limits(mujoco.mj_sensorPos, model, data)
-    mj_fwdVelocity(model, data)
+    mujoco.mj_fwdVelocity(model, data)
     if model.nsensordata:
         without_far_limits(mujoco.mj_sensorVel, model, data)
     control = mujoco.get_mjcb_control()
     if control is not None and not model.opt.disableflags & _NO_ACTUATION:
         control(model, data)
-    mj_fwdActuation(model, data)
-    mj_fwdAcceleration(model, data)
+    mujoco.mj_fwdActuation(model, data)
+    mujoco.mj_fwdAcceleration(model, data)
     return middle, overflown
 
 
@@ -146,7 +136,7 @@ def _find_contacts(
     mended = full = cut = False
     for share in (*SHARES, 1.0):
         seen = data.warning.number[_FULL].sum()
-        mj_fwdPosition(model, data)
+        mujoco.mj_fwdPosition(model, data)
         mended = options.stands and find_standing(model, data, found=True, surfaces=surfaces)
         full = data.warning.number[_FULL].sum() != seen
         if full:
@@ -210,7 +200,7 @@ def limit_energy(
     found = _of_trees(model, _momentum(model, data, data.qvel), data.qvel)
     share = np.sqrt(np.divide(allowed, found, out=np.ones_like(found), where=inertial.turning & (found > allowed)))
     data.qvel *= share[model.dof_treeid]
-    mj_comVel(model, data)
+    mujoco.mj_comVel(model, data)
 
 
 def _momentum(model: mujoco.MjModel, data: mujoco.MjData, velocity: np.ndarray) -> np.ndarray:

@@ -28,11 +28,6 @@ _WEAK = 1e-9  # m/s^2: gravity along the plane up to which it has no direction
 _REST = np.empty((0, 6))
 
 
-def has_standing(model: mujoco.MjModel) -> bool:
-    """Return whether cylinders can stand on planes in a scene."""
-    return bool((model.geom_type == PLANE).any() and (model.geom_type == CYLINDER).any())
-
-
 @plain
 def _tip(plane, own, size, place, turn, motion):
     """Return the direction in a plane, of length 1, in which a cylinder that stands on it tends to tip.

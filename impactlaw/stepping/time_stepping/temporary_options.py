@@ -9,7 +9,7 @@ from impactlaw.scene.joint_limits import slack_ropes
 from impactlaw.scene.pairs import some_side_by_side
 from impactlaw.scene.tolerances import NEVER
 from impactlaw.stepping.integration import NO_DAMPING, damps
-from impactlaw.stepping.time_stepping.standing_cylinders import has_standing
+from impactlaw.stepping.time_stepping.standing_cylinders import CYLINDER, PLANE
 
 EULER, RK4 = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtIntegrator.mjINT_RK4)
 _BODY = int(mujoco.mjtTrn.mjTRN_BODY)
@@ -44,7 +44,7 @@ class TemporaryOptions:
         self.sticks = bool(model.flg_adhesion or (model.actuator_trntype == _BODY).any())
         if self.sticks:  # bodies stick across the gap
             self._gaps = []
-        self.stands, self.beside = has_standing(model), some_side_by_side(model)
+        self.stands, self.beside = {PLANE, CYLINDER} <= set(model.geom_type.tolist()), some_side_by_side(model)
         self.cone = model.opt.cone
         self.damped = False
         self.integrator = mujoco.mj_Euler

@@ -82,11 +82,14 @@ _OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
 @plain
 def _end(w, start, middle, shift, opens):
     """Move data to the end of the step and update frames; return `status.FINE`, or that data is huge."""
+    qpos, qvel = data_floats(w, DATA.qpos, len(middle)), velocity_of(w)
+    put(qpos, middle)
     if size(w, MODEL.nsensordata) > 0:
-        put(data_floats(w, DATA.qpos, len(middle)), middle)
         _sense(w, start)
-    _to_end(w, middle, shift, opens)
-    if _is_huge(data_floats(w, DATA.qpos, len(middle)), velocity_of(w)):
+    mj.integrate_pos(w.model, address_of(qpos), address_of(qvel), 0.5 * w.timestep)
+    if opens:
+        mj.integrate_pos(w.model, address_of(qpos), address_of(shift), w.timestep)
+    if not (norm(qpos) <= HUGE and norm(qvel) <= HUGE):
         return HUGE_OUTPUT
     if w.surfaces != 0:
         aim_surfaces(w)
@@ -221,11 +224,6 @@ def _step(w, law, memory, margins, cone, loaded):
     return status
 
 
-@plain
-def _is_huge(qpos, qvel):
-    return not (norm(qpos) <= HUGE and norm(qvel) <= HUGE)
-
-
 @kernel
 def _sense(w, start):
     """Compute the sensors that depend on accelerations and forces, at the middle of the step; see `forces.sense`."""
@@ -241,16 +239,6 @@ def _sense(w, start):
     mj.sensor_acc(w.model, w.data)
     hide_far_limits(w)
     put(qvel, after)
-
-
-@plain
-def _to_end(w, middle, shift, opens):
-    """Move bodies to the end of the step."""
-    qpos = data_floats(w, DATA.qpos, len(middle))
-    put(qpos, middle)
-    mj.integrate_pos(w.model, address_of(qpos), address_of(velocity_of(w)), 0.5 * w.timestep)
-    if opens:
-        mj.integrate_pos(w.model, address_of(qpos), address_of(shift), w.timestep)
 
 
 @linked(

@@ -64,20 +64,17 @@ def write_forces(
     mujoco.mj_mulJacTVec(model, data, data.qfrc_constraint, force)
     data.qacc[:] = (data.qvel - start) / h
     data.efc_force[:] = force
-    if not data.ncon or not _leave_open_out(data, force) or cone != _PYRAMIDAL:
+    if data.ncon:
+        contact, each = data.contact, data.contact.dist.strides[0]
+        first = contact.dist[:1].view(np.int32)  # distance is the first field of a contact
+        whole = as_strided(first, (data.ncon, each // 4), (each, 4))
+        data.ncon = leave_open_out(force, contact.dist, LEAST, contact.dim, contact.efc_address, whole, data.efc_id)
+    if not data.ncon or cone != _PYRAMIDAL:
         return
     model.opt.cone, elliptic = _PYRAMIDAL, data.contact.efc_address.copy()
     mujoco.mj_makeConstraint(model, data)
     contact = data.contact
     encode_pyramids(force, elliptic, contact.efc_address, contact.dim, contact.friction, data.efc_force)
-
-
-def _leave_open_out(data: mujoco.MjData, force: np.ndarray) -> int:
-    """Remove open contacts without force from ``data.contact``; return how many are left."""
-    contact, each = data.contact, data.contact.dist.strides[0]
-    whole = as_strided(contact.dist[:1].view(np.int32), (data.ncon, each // 4), (each, 4))  # dist is the first field
-    data.ncon = leave_open_out(force, contact.dist, LEAST, contact.dim, contact.efc_address, whole, data.efc_id)
-    return data.ncon
 
 
 def listed_stage(model: mujoco.MjModel) -> int:

@@ -15,7 +15,6 @@ from impactlaw.stepping.compiled.left_out.tied_contacts import find_tied
 from impactlaw.stepping.compiled.whitening import INERTIA, Inertia
 from impactlaw.stepping.time_stepping.problem.detection.carriers import add_carried
 from impactlaw.stepping.time_stepping.problem.rows import (
-    JACOBIAN,
     ROWS,
     SOURCE,
     Rows,
@@ -27,14 +26,6 @@ from impactlaw.stepping.time_stepping.problem.rows import (
 )
 
 _INTS, _MARKS = types.int32[::1], types.boolean[::1]
-
-
-@compiled(_MARKS(_INTS, FLOATS, JACOBIAN, types.int32[:], FLOATS, FLOATS, types.float64))
-def _near_rows(kinds, position, jacobian, address, one, other, reach):
-    """Return the result of `find_near`, bool (nefc,)."""
-    near = np.empty(len(kinds), np.bool_)
-    find_near(kinds, position, jacobian, address, one, other, reach, near)
-    return near
 
 
 @compiled(
@@ -108,10 +99,9 @@ class RowReader:
             reach: time within which it would close, s.
         """
         jacobian, address = sparse_jacobian(self._model, data), data.contact.efc_address
-        if self._surfaces is not None and self._surfaces.move:  # surfaces come near to bodies that do not move
-            near = np.ones(data.nefc, dtype=bool)
-        else:
-            near = _near_rows(data.efc_type, data.efc_pos, jacobian, address, one, other, reach)
+        near = np.ones(data.nefc, dtype=bool)
+        if self._surfaces is None or not self._surfaces.move:  # else surfaces come near to bodies that do not move
+            for_python(find_near)(data.efc_type, data.efc_pos, jacobian, address, one, other, reach, near)
         return self.without_tied(data, near)
 
     def without_tied(self, data: mujoco.MjData, near: np.ndarray) -> np.ndarray:
