@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import mujoco
@@ -52,20 +54,24 @@ def collide(model: mujoco.MjModel, data: mujoco.MjData, chosen: CorrectedGeoms |
     if chosen is None or data.ncon == 0 or not (chosen.on_faces or chosen.beside):
         return
     geoms = data.contact.geom
-    # imports of compiled code, which reading other scenes should not load
     if chosen.on_faces and np.count_nonzero(chosen.is_cylinder[geoms]):
-        from impactlaw.compiled import for_python
-        from impactlaw.scene.corrected.rounding import meet_axes
-
-        for_python(meet_axes)(*_shapes(model, data), geoms, data.contact.pos, data.contact.frame)
+        _compiled().meet_axes(*_shapes(model, data), geoms, data.contact.pos, data.contact.frame)
     if chosen.beside and _some_on_lines(chosen.lines, geoms):
-        from impactlaw.compiled import for_python
-        from impactlaw.scene.corrected.side_by_side import END, find_ends
-
-        found, first = data.contact, np.empty((data.ncon + 1, END))
-        places = found.dist, found.pos, found.frame
-        for_python(find_ends)(_shapes(model, data), geoms, found.includemargin, *places, first)
+        code, found = _compiled(), data.contact
+        first = np.empty((data.ncon + 1, code.END))
+        code.find_ends(_shapes(model, data), geoms, found.includemargin, found.dist, found.pos, found.frame, first)
         _add(model, data, first)
+
+
+@cache
+def _compiled() -> SimpleNamespace:
+    """Return the compiled code that corrects contacts, which reading other scenes should not load."""
+    from impactlaw.compiled import for_python
+    from impactlaw.scene.corrected.rounding import align, measure_standing, meet_axes
+    from impactlaw.scene.corrected.side_by_side import END, find_ends
+
+    parts = {part.__name__: for_python(part) for part in (measure_standing, meet_axes, find_ends)}
+    return SimpleNamespace(align=align, END=END, **parts)
 
 
 def _some_on_lines(lines: tuple[int, ...], geoms: np.ndarray) -> bool:
@@ -84,19 +90,15 @@ def _shapes(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarray, ...
 
 def _find_standing(model: mujoco.MjModel, data: mujoco.MjData, chosen: CorrectedGeoms) -> None:
     """Find contacts, those of cylinders that stand on planes with the right distances."""
-    # compiled code, which reading other scenes should not load
-    from impactlaw.compiled import for_python
-    from impactlaw.scene.corrected.rounding import align, measure_standing
-
-    frames = data.geom_xmat.copy()
+    code, frames = _compiled(), data.geom_xmat.copy()
     try:
-        align(chosen.planes, chosen.cylinders, data.geom_xmat)  # so that MuJoCo finds contacts of upright ones
+        code.align(chosen.planes, chosen.cylinders, data.geom_xmat)  # so that MuJoCo finds contacts of upright ones
         _find_contacts(model, data)
     finally:
         data.geom_xmat[:] = frames
     if data.ncon:
         found = data.contact
-        for_python(measure_standing)(*_shapes(model, data), found.geom, found.dist, found.pos, found.frame)
+        code.measure_standing(*_shapes(model, data), found.geom, found.dist, found.pos, found.frame)
 
 
 def _add(model: mujoco.MjModel, data: mujoco.MjData, ends: np.ndarray) -> None:
