@@ -217,8 +217,8 @@ class ContactProblem:
         If restitution is to be `scaled`, it creates no energy, or an error is raised.
         """
         model, h = self._model, self._model.opt.timestep
-        e, n, seen, together = self.targets.restitution or 0.0, len(rows.scale), None, False
-        target, (collides, bound) = np.empty(len(rows.key)), np.zeros((2, len(rows.key)), dtype=bool)
+        e, n, g, seen, together = self.targets.restitution or 0.0, len(rows.scale), len(rows.key), None, False
+        target, collides, bound = np.empty(g), np.empty(g, dtype=bool), np.zeros(g, dtype=bool)
         resolved = RESOLVED * self.meter
         some = for_python(aim)(
             rows.groups, rows.key, rows.amounts, rows.rates, h, e, self._rest_speed, resolved, may, target, collides

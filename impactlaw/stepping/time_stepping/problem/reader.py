@@ -99,8 +99,10 @@ class RowReader:
             reach: time within which it would close, s.
         """
         jacobian, address = sparse_jacobian(self._model, data), data.contact.efc_address
-        near = np.ones(data.nefc, dtype=bool)
-        if self._surfaces is None or not self._surfaces.move:  # else surfaces come near to bodies that do not move
+        near = np.empty(data.nefc, dtype=bool)
+        if self._surfaces is not None and self._surfaces.move:  # surfaces come near to bodies that do not move
+            near[:] = True
+        else:
             for_python(find_near)(data.efc_type, data.efc_pos, jacobian, address, one, other, reach, near)
         return self.without_tied(data, near)
 
