@@ -46,7 +46,10 @@ def _columns(
 @kernel
 def _sort(number: Array, begin: Array, cols: Array, dofs: Array) -> None:
     """Number the degrees of freedom in ascending order, and sort the columns of each group: a tree's are adjacent."""
-    low, count, marked = dofs.min(), 0, cleared(dofs.max() + 1 - dofs.min())
+    low, high, count = dofs[0], dofs[0], 0
+    for d in dofs:
+        low, high = min(low, d), max(high, d)
+    marked = cleared(high + 1 - low)
     for d in dofs:
         marked[d - low] = True
     for i in range(len(marked)):

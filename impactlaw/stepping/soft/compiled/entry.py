@@ -92,7 +92,8 @@ def steps(context):
         )  # fmt: skip
         if c[CONTEXT.status] != FINE:
             return
-        numbers[TOTAL:] += sums
+        for i in range(SUMS):
+            numbers[TOTAL + i] += sums[i]
         c[CONTEXT.taken] += 1
     c[CONTEXT.news] = numbers[TOTAL + COUNT] > 0.0
 

@@ -25,6 +25,7 @@ from impactlaw.solvers.cones.algebra.loops import (
     norm,
     numbers,
     plain,
+    put,
     zeros,
 )
 from impactlaw.solvers.cones.jams import linked_jams
@@ -153,7 +154,7 @@ def _largest(w, rows, group, problem, created, x):
         if high - low <= (FOUND if above < _NONE else SOLVABLE):
             break
         s = _next_share(low, high, third, below, above, beyond, stalled)
-        trial[:] = x
+        put(trial, x)
         residual, missed = _attempt(w, rows, group, problem, s, trial, z)
         missed += AIM
         stalled = abs(missed) > 0.5 * min(abs(below), above)
@@ -161,7 +162,7 @@ def _largest(w, rows, group, problem, created, x):
             third, high, beyond, above = high, s, above, missed
             continue
         third, low, beyond, below, best = low, s, below, missed, residual
-        x[:] = trial
+        put(x, trial)
         if missed > -AIM:
             break
     return best, low

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from impactlaw.scene.corrected.rounding import make_orthogonal
-from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain
+from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import bodies_of, contact_floats, contact_ints, contacts_of
 from impactlaw.stepping.compiled.fields import CONTACT, address_of, keep
@@ -65,7 +65,7 @@ def write_row(w, c, d, shift, mu, col, row):
         row: the entries, (k,) or more, written.
     """
     frame, point, (body, _, tree) = numbers(9).reshape((1, 9)), numbers(3), bodies_of(w)
-    frame[0] = contact_floats(w, CONTACT.frame, 9)[c]
+    put(frame[0], contact_floats(w, CONTACT.frame, 9)[c])
     for i in range(3):
         point[i] = contact_floats(w, CONTACT.pos, 3)[c, i] + shift * frame[0, i]
     make_orthogonal(frame)

@@ -42,7 +42,10 @@ def _meet(w, rows, metric, before, known, rounds, law, may, more, block, sums):
             if scalable(w, solved):
                 solved = solve(w, part, metric, known, rounds, law, answer, True)
             break
-        later[~later] = answer.later
+        k = 0
+        for g in range(len(later)):
+            if not later[g]:
+                later[g], k = answer.later[k], k + 1
         kept = ~later
         known, rounds = Known(part.groups, part.key, part.rates[0], answer.x.copy(), part.rates[5:]), FEW_ROUNDS
         part, place = some_groups(rows, kept)

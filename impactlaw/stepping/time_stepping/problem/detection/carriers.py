@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from impactlaw.solvers.cones.algebra.loops import kernel, norm, numbers, plain
+from impactlaw.solvers.cones.algebra.loops import kernel, norm, numbers, plain, put
 from impactlaw.solvers.cones.algebra.vectors import cross, dot, minus, plus, row
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.fields import address_of, keep
@@ -63,7 +63,9 @@ def add_carried(rows, contacts, bodies, place, velocity):
 def carry_on(carriers, time, position, quaternion):
     """Write where mocap bodies are after some time, m, (nmocap, 3), and their quaternions, (nmocap, 4)."""
     (place, turn, velocity), axis, moved = carriers, numbers(3), numbers(4)
-    position[:], quaternion[:] = place, turn
+    for b in range(len(place)):
+        put(position[b], place[b])
+        put(quaternion[b], turn[b])
     for b in range(len(velocity)):
         for i in range(3):
             position[b, i] += time * velocity[b, i]
