@@ -13,6 +13,7 @@ from impactlaw.laws import Law
 from impactlaw.scene.equality_constraints import constraint_kinds
 from impactlaw.stepping.compiled.engine import Pool, delete_others, fill_context, when_gone
 from impactlaw.stepping.compiled.layout import table
+from impactlaw.stepping.integration import STEP_STATE, empty_state
 from impactlaw.stepping.options import Options
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.time_stepping.compiled.entry import WORLDS, many
@@ -69,8 +70,8 @@ class RigidWorlds:
             "status_of": self._report,
         }  # fmt: skip
         numbers = {
-            "margin_count": room(model), "states": fields.state.shape[1], "memories": self._memory.shape[1],
-            "slot_count": len(self._slots),
+            "margin_count": room(model), "states": len(empty_state(model, STEP_STATE)),
+            "memories": self._memory.shape[1], "slot_count": len(self._slots),
         }  # fmt: skip
         fill_context(self.context, WORLDS, arrays, numbers)
 

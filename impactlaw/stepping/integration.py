@@ -11,6 +11,8 @@ import numpy as np
 from impactlaw.errors import DivergenceError, SceneError, UnfinishedStepError
 
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+STEP_STATE = _STATE & ~int(mujoco.mjtState.mjSTATE_USERDATA)
+"""What a step in compiled code starts from: only callbacks use user data, of which some robots have megabytes."""
 _HUGE = mujoco.mjMAXVAL  # MuJoCo treats larger numbers as a mistake
 _EULER, _RK4, _IMPLICIT = (int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("EULER", "RK4", "IMPLICIT"))
 _NO_DAMPER = int(mujoco.mjtDisableBit.mjDSBL_DAMPER)
@@ -20,9 +22,9 @@ _ROUNDING = 1e-9  # part of the inertia of a joint up to which added damping is 
 _INPUT = ("time", "qpos", "qvel", "act", "ctrl", "qfrc_applied", "xfrc_applied", "mocap_pos", "mocap_quat")
 
 
-def empty_state(model: mujoco.MjModel) -> np.ndarray:
-    """Return an empty array for a state."""
-    return np.empty(mujoco.mj_stateSize(model, _STATE))
+def empty_state(model: mujoco.MjModel, kind: int = _STATE) -> np.ndarray:
+    """Return an empty array for a state, or for the part of it that ``kind`` names."""
+    return np.empty(mujoco.mj_stateSize(model, kind))
 
 
 def save_state(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray | None = None) -> np.ndarray:
@@ -42,9 +44,9 @@ def saved_qvel(model: mujoco.MjModel, state: np.ndarray) -> np.ndarray:
     return state[1 + model.nq : 1 + model.nq + model.nv]
 
 
-def restore_state(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray) -> None:
-    """Restore a state that `save_state` returned."""
-    mujoco.mj_setState(model, data, state, _STATE)
+def restore_state(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray, kind: int = _STATE) -> None:
+    """Restore a state that `save_state` returned, or the part of one that ``kind`` names."""
+    mujoco.mj_setState(model, data, state, kind)
 
 
 def check_input(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray) -> None:

@@ -14,7 +14,7 @@ from impactlaw.stepping.compiled.fields import DATA
 from impactlaw.stepping.compiled.law_table import Coefficients
 from impactlaw.stepping.compiled.layout import table
 from impactlaw.stepping.compiled.libmujoco import callbacks, is_called_back
-from impactlaw.stepping.integration import restore_state
+from impactlaw.stepping.integration import STEP_STATE, restore_state
 
 
 class OneWorld:
@@ -68,5 +68,5 @@ class OneWorld:
         """Restore a state, and raise MuJoCo's error."""
         for place in (DATA.pstack, DATA.pbase):  # empty MuJoCo's stack, which the error has left in use
             ctypes.c_size_t.from_address(data._address + int(self._table[place])).value = 0
-        restore_state(self._model, data, state)
+        restore_state(self._model, data, state, STEP_STATE)
         raise mujoco.FatalError(message)

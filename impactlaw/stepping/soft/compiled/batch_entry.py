@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple, cast
 
+import mujoco
 import numba
 from numba import types
 
@@ -13,8 +14,10 @@ from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.fields import address_of, flags, floats, keep, longs
 from impactlaw.stepping.compiled.pooled import copy_out, other_data
 from impactlaw.stepping.soft.compiled.collide import COUNT, LAST, SCALED, SHORT, SUMS
-from impactlaw.stepping.soft.compiled.step import STATE, advance
+from impactlaw.stepping.soft.compiled.step import advance
 from impactlaw.stepping.soft.compiled.world import FINE, PYTHON, SETTING, UNKNOWN, Law
+
+_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
 
 class Worlds(NamedTuple):
@@ -64,7 +67,7 @@ def some_steps(model, data, world, context):
     )  # fmt: skip
     other = other_data(model, data, longs(c[WORLDS.slots], 2 * c[WORLDS.slot_count]))
     if report[2] == 0:
-        mj.get_state(model, data, address_of(first), STATE)
+        mj.get_state(model, data, address_of(first), _STATE)
     while report[2] < c[WORLDS.steps]:
         report[0] = advance(model, data, other, c[WORLDS.table], law, state, sums, c[WORLDS.collides] != 0)
         if report[0] != FINE:
@@ -78,7 +81,7 @@ def some_steps(model, data, world, context):
             mj.rne_post_constraint(model, data)
         copy_out(data, world, c[WORLDS.outputs], c[WORLDS.output_count])
     elif report[0] != PYTHON and report[0] != UNKNOWN:
-        mj.set_state(model, data, address_of(first), STATE)
+        mj.set_state(model, data, address_of(first), _STATE)
     keep(first)
 
 

@@ -25,7 +25,7 @@ from impactlaw.solvers.friction.problem import ConeAnswer
 from impactlaw.solvers.friction.solve import shared
 from impactlaw.solvers.problem import Problem, Status
 from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums, changed_model, sums_of
-from impactlaw.stepping.integration import restore_state
+from impactlaw.stepping.integration import STEP_STATE, restore_state
 from impactlaw.stepping.soft.collisions import Collisions
 from impactlaw.stepping.soft.compiled.collide import SUMS
 from impactlaw.stepping.soft.compiled.contacts.outcomes import Outcome
@@ -122,7 +122,7 @@ class StepRepeater:
                 raise changed_model(float(data.time))
             if isinstance(again, tuple):  # in Python, as a callback has been set
                 events += again
-            restore_state(collisions.model, data, row[:-SUMS])
+            restore_state(collisions.model, data, row[:-SUMS], STEP_STATE)
             for _, some in groupby(outcomes, attrgetter("time")):  # RK4 collides at the start and at the end of a step
                 events += _events_of(list(some), collisions, data)
         return tuple(events)

@@ -31,6 +31,7 @@ from impactlaw.stepping.compiled.fields import (
     long_at,
     put_int,
 )
+from impactlaw.stepping.integration import STEP_STATE
 from impactlaw.stepping.soft.compiled.collide import collide
 from impactlaw.stepping.soft.compiled.contacts.active_contacts import find, normal_velocities
 from impactlaw.stepping.soft.compiled.contacts.kinds import LAW
@@ -49,7 +50,6 @@ from impactlaw.stepping.soft.compiled.without_new_contacts import (
 )
 from impactlaw.stepping.soft.compiled.world import DIVERGED, FINE, PYTHON, World
 
-STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 _RK4, _EULER, _DISCRETE = (int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("RK4", "EULER", "DISCRETE"))
 _POSITION, _VELOCITY = int(mujoco.mjtStage.mjSTAGE_POS), int(mujoco.mjtStage.mjSTAGE_VEL)
 _COMPARE, _ENERGY = int(mujoco.mjtEnableBit.mjENBL_FWDINV), int(mujoco.mjtEnableBit.mjENBL_ENERGY)
@@ -140,7 +140,7 @@ def _closes(w, law, velocity):
 @plain
 def _go_to_start(now, state, start):
     """Put other data where `keep_start` was called."""
-    mj.set_state(now.model, now.data, address_of(state), STATE)
+    mj.set_state(now.model, now.data, address_of(state), STEP_STATE)
     if is_plain(now):
         keep_start(now, start, True)
     else:
@@ -186,8 +186,8 @@ def _collide_at_end(w, law, other, pushing, state, start, sums):
         put_back(now, law, before)
         if not here:
             end = numbers(len(state))
-            mj.get_state(w.model, other, address_of(end), STATE)
-            mj.set_state(w.model, w.data, address_of(end), STATE)
+            mj.get_state(w.model, other, address_of(end), STEP_STATE)
+            mj.set_state(w.model, w.data, address_of(end), STEP_STATE)
             keep(end)
             mj.fwd_position(w.model, w.data)
         _update_forces(w)
@@ -238,7 +238,7 @@ def _from_start(w, law, trial, integrator, state, sums):
             find_contact_forces(w, pushing)
         keep_start(w, start, False)
         if changed:
-            mj.get_state(w.model, w.data, address_of(middle), STATE)
+            mj.get_state(w.model, w.data, address_of(middle), STEP_STATE)
         if passes_limit(w):
             other = w.data if is_plain(w) else trial
             status, collided = _collide_at_end(w, law, other, pushing, middle, start, sums)
@@ -285,14 +285,14 @@ def advance(model, data, trial, table, law, state, sums, collides):
     clear(sums)
     clear(law.outcomes[:1])
     bad = _bad_states(w)
-    mj.get_state(model, data, address_of(state), STATE)
+    mj.get_state(model, data, address_of(state), STEP_STATE)
     status = FINE
     if not collides:
         mj.whole_step(model, data)
     else:
         status = _from_start(w, law, trial, integrator, state, sums)
     if status != FINE:
-        mj.set_state(model, data, address_of(state), STATE)
+        mj.set_state(model, data, address_of(state), STEP_STATE)
         return status
     if float_at(time_at) <= time or _bad_states(w) != bad:
         return DIVERGED

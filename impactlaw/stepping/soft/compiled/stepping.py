@@ -12,7 +12,7 @@ from impactlaw.laws import Law
 from impactlaw.scene.equality_constraints import constraint_kinds
 from impactlaw.stepping.compiled.one_world import OneWorld
 from impactlaw.stepping.impact_event import ImpactEvent, LazyEvents, together
-from impactlaw.stepping.integration import empty_state, restore_state
+from impactlaw.stepping.integration import STEP_STATE, empty_state, restore_state
 from impactlaw.stepping.soft.compiled import world
 from impactlaw.stepping.soft.compiled.collide import COUNT, LAST, SHORT, SUMS
 from impactlaw.stepping.soft.compiled.contacts.outcomes import Outcome, outcomes_in
@@ -38,7 +38,7 @@ class CompiledSoftStepping(OneWorld):
         model: Any = scheme.model
         super().__init__(model, entry.address, CONTEXT, warn=warn)
         self._scheme, self._trial = scheme, mujoco.MjData(model)
-        self._room, self._steps = len(empty_state(model)), 0
+        self._room, self._steps = len(empty_state(model, STEP_STATE)), 0
         self._states = np.zeros((1, self._room + SUMS))
         given = scheme.collisions.given_speed
         self._numbers = np.array([np.nan, 0.0, np.nan if given is None else given, *np.zeros(SUMS)])
@@ -151,7 +151,7 @@ class CompiledSoftStepping(OneWorld):
         while len(found) < count:
             found = np.zeros(count)
             mujoco.mj_resetData(self._model, data)  # results do not depend on steps that were repeated before
-            restore_state(self._model, data, row[:-SUMS])
+            restore_state(self._model, data, row[:-SUMS], STEP_STATE)
             self._context[CONTEXT.outcomes], self._context[CONTEXT.outcome_count] = found.ctypes.data, count
             told = self.step(data)
             count = 1 + int(found[0])

@@ -13,10 +13,11 @@ from impactlaw.solvers.cones.algebra.loops import copied, indices, numbers, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.fields import SIZE, address_of, floats, keep, long_at, longs
 from impactlaw.stepping.compiled.pooled import copy_out, other_data
+from impactlaw.stepping.integration import STEP_STATE
 from impactlaw.stepping.time_stepping.compiled.state.memory import go_back, impulses_of
 from impactlaw.stepping.time_stepping.compiled.state.status import CALLBACK, FINE, UNKNOWN
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING
-from impactlaw.stepping.time_stepping.compiled.step import STATE, advance
+from impactlaw.stepping.time_stepping.compiled.step import advance
 
 
 class Context(NamedTuple):
@@ -113,14 +114,14 @@ def some_steps(model, data, world, context):
     margins, state, first = numbers(c[WORLDS.margin_count]), numbers(many), numbers(many)
     other = other_data(model, data, longs(c[WORLDS.slots], 2 * c[WORLDS.slot_count]))
     before, impulses = copied(memory), copied(impulses_of(memory.view(np.int64)))
-    mj.get_state(model, data, address_of(first), STATE)
+    mj.get_state(model, data, address_of(first), STEP_STATE)
     for step in range(c[WORLDS.steps]):
         report[0] = advance(
             model, data, other, c[WORLDS.table], settings, c[WORLDS.carriers], c[WORLDS.bilateral], keys, values,
             report[1:2], memory, address_of(structure), margins, state, step == 0,
         )  # fmt: skip
         if report[0] != FINE:
-            mj.set_state(model, data, address_of(first), STATE)
+            mj.set_state(model, data, address_of(first), STEP_STATE)
             go_back(memory, before, impulses)
             break
     if report[0] == FINE:  # otherwise data is that of the step that failed, or of another world

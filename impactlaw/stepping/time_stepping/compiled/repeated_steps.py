@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums, changed_model
-from impactlaw.stepping.integration import restore_state
+from impactlaw.stepping.integration import STEP_STATE, restore_state
 from impactlaw.stepping.time_stepping.compiled.state import memory
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY
 from impactlaw.stepping.time_stepping.compiled.state.sums import SUMS
@@ -54,7 +54,7 @@ class StepRepeater:
     def again(self, state: np.ndarray, numbers: np.ndarray, impulses: bytes) -> np.ndarray:
         """Repeat a step in compiled code, and return the velocity after it, (nv,)."""
         steps, model, data = self._steps, self.scheme.model, self.data
-        restore_state(model, data, state)
+        restore_state(model, data, state, STEP_STATE)
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_comVel(model, data)
@@ -128,7 +128,7 @@ class RepeatedStep:
     def _events(self) -> tuple[ImpactEvent, ...]:
         scheme, data, start = self._repeater.scheme, self._repeater.data, self.start
         model, kept, numbers = scheme.model, scheme.short_steps, start.numbers
-        restore_state(model, data, start.state)
+        restore_state(model, data, start.state, STEP_STATE)
         counts = numbers.view(np.int64)
         begin = MEMORY.left + model.nq + model.nv
         gained = numbers[begin : begin + 2 * model.nv].reshape(2, model.nv)

@@ -24,6 +24,7 @@ from impactlaw.solvers.cones.algebra.loops import (
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import data_floats, jacobian_of, number, size, velocity_of
 from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, float_at, floats, int_at, keep, long_at
+from impactlaw.stepping.integration import STEP_STATE
 from impactlaw.stepping.time_stepping.compiled.end_of_step import (
     begins_overlapping,
     copy_contacts,
@@ -74,7 +75,6 @@ from impactlaw.stepping.time_stepping.problem.gradient_turns import write_turns
 from impactlaw.stepping.time_stepping.problem.solution.scaling import RESERVE
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, HUGE, MANY_ROUNDS, SHORTFALL_LIMIT, WIDER_DETECTIONS
 
-STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 _POS, _VEL = int(mujoco.mjtStage.mjSTAGE_POS), int(mujoco.mjtStage.mjSTAGE_VEL)
 _OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
 
@@ -275,7 +275,7 @@ def advance(
     enabled = int_at(user + long_at(table + 8 * MODEL.opt_enableflags))
     if enabled & _OVERRIDE and float_at(settings + 8 * SETTING.frictional) != 0.0:
         return OVERRIDDEN
-    mj.get_state(model, data, address_of(state), STATE)
+    mj.get_state(model, data, address_of(state), STEP_STATE)
     if not norm(state) <= HUGE:
         return HUGE_INPUT
     nv = long_at(model + long_at(table + 8 * MODEL.nv))
@@ -293,7 +293,7 @@ def advance(
     memory[MEMORY.work] = 1.0
     status = _step(w, LawTable(keys, values, asked), memory, margins, cone, loaded)
     if status != FINE:
-        mj.set_state(user, data, address_of(state), STATE)
+        mj.set_state(user, data, address_of(state), STEP_STATE)
         mj.fwd_position(user, data)
     keep(sizes)
     return status

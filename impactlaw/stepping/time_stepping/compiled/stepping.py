@@ -19,7 +19,7 @@ from impactlaw.stepping.compiled.engine import when_gone
 from impactlaw.stepping.compiled.fields import SIZE
 from impactlaw.stepping.compiled.one_world import OneWorld
 from impactlaw.stepping.impact_event import ImpactEvent
-from impactlaw.stepping.integration import check_input, check_timestep, empty_state
+from impactlaw.stepping.integration import STEP_STATE, check_input, check_timestep, empty_state
 from impactlaw.stepping.time_stepping.compiled.entry import CONTEXT, single
 from impactlaw.stepping.time_stepping.compiled.model_copy import room
 from impactlaw.stepping.time_stepping.compiled.repeated_steps import RepeatedStep, StepRepeater
@@ -46,7 +46,7 @@ class CompiledStepping(OneWorld):
         self._counts, self._told = self.numbers.view(np.int64), memoryview(self.numbers.data)
         self.unlocated = 0
         self._replay: weakref.ref[RepeatedStep] | None = None  # the last collision
-        self._structure, self._state = np.zeros(int(self._table[SIZE.model]) // 8), empty_state(model)
+        self._structure, self._state = np.zeros(int(self._table[SIZE.model]) // 8), empty_state(model, STEP_STATE)
         self._margins, self._settings = np.zeros(room(model)), np.zeros(len(SETTING))
         self._options = memoryview(self._settings.data)
         self._carriers, self._bilateral, self._scratch = scheme.carriers, constraint_kinds(model), mujoco.MjData(model)
