@@ -69,6 +69,7 @@ _ALSO = (
     "scene/corrected/edge_on_face.py",
     "scene/corrected/side_by_side.py",
     "stepping/soft/tolerances.py",
+    "stepping/soft/pressed_contacts.py",
     "solvers/friction/single_contact.py",
     "linked.py",
 )

@@ -136,6 +136,11 @@ def acted_on(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     return index if len(index) < 2 else index[~_hidden(model, data)[index]]
 
 
+def first_rows(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """Return MuJoCo's first row of each contact that is `acted_on`, followed by those of limits, int (h,)."""
+    return np.concatenate([data.contact.efc_address[acted_on(model, data)], data.ne + data.nf + np.arange(data.nl)])
+
+
 def active_contacts(model: mujoco.MjModel, data: mujoco.MjData, names: tuple[str, ...]) -> Contacts:
     """Return the contacts that are `acted_on`, as found by MuJoCo's position stage."""
     return _read(data, acted_on(model, data), names)

@@ -17,7 +17,7 @@ from impactlaw.mechanics.friction import Friction
 from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.mechanics.impact import Impact
 from impactlaw.mechanics.kinetic_metric import KineticMetric
-from impactlaw.scene.contacts import Contacts, active_contacts, closes, gap_gradients, geom_names
+from impactlaw.scene.contacts import Contacts, active_contacts, closes, first_rows, gap_gradients, geom_names
 from impactlaw.scene.equality_constraints import bilateral_constraints, bilateral_rows
 from impactlaw.scene.friction_rows import active_friction
 from impactlaw.scene.joint_limits import Limits
@@ -31,6 +31,7 @@ from impactlaw.stepping.soft.drifting_limits import drifting
 from impactlaw.stepping.soft.driving_constraints import Constraints, is_dragged
 from impactlaw.stepping.soft.locked_joints import added_inertia, with_locked_joints
 from impactlaw.stepping.soft.position_correction import put_back
+from impactlaw.stepping.soft.pressed_contacts import approach_speed
 from impactlaw.stepping.soft.rebounds import Normals, hold_back, normals
 from impactlaw.stepping.soft.tolerances import FALLS, OPENING, REST_SPEED, ROUNDING, WORK
 from impactlaw.stepping.work import Work
@@ -100,13 +101,14 @@ class Collisions:
             return NOTHING
         closed = self.closed(data)
         gamma = closed.contact_velocity(data.qvel)
-        if not np.count_nonzero(gamma < -speed):  # contacts of flexes may close
+        approach = self._approach(data, closed, gamma)
+        if not np.count_nonzero(gamma < -approach):  # contacts of flexes may close
             return NOTHING
         constraints = Constraints(self.model, data) if data.ne and self.bilateral.any() else None
-        found = self._resolved(data, closed, gamma, constraints)
+        found = self._resolved(data, closed, gamma, approach, constraints)
         while constraints is not None and (driven := constraints.drive(found.events)).any():
             constraints.give_way(driven)
-            found = self._resolved(data, closed, gamma, constraints)
+            found = self._resolved(data, closed, gamma, approach, constraints)
         if surfaces is not None and any(is_dragged(event.impact, self._mass) for event in found.events):
             found = _Resolved(None, [], is_short=True)
         self.short_steps += found.is_short
@@ -121,24 +123,31 @@ class Collisions:
         return events, POSITION
 
     def _resolved(
-        self, data: mujoco.MjData, closed: Closed, gamma: np.ndarray, constraints: Constraints | None
+        self,
+        data: mujoco.MjData,
+        closed: Closed,
+        gamma: np.ndarray,
+        approach: np.ndarray,
+        constraints: Constraints | None,
     ) -> _Resolved:
         """Resolve the collisions; equality constraints that do not give way keep their velocity in them."""
         if constraints is not None:
-            closed, gamma = self._constrained(data, closed, gamma, constraints)
-            if not np.count_nonzero(gamma < -self.rest_speed):
+            closed, part = self._constrained(data, closed, gamma, constraints)
+            gamma, approach = gamma[part], approach[part]
+            if not np.count_nonzero(gamma < -approach):
                 return _Resolved(None, [])
         if self.chosen is not None:
-            closed = closed.select(np.flatnonzero(self.chosen.mask(closed.contacts.labels)))
+            part = np.flatnonzero(self.chosen.mask(closed.contacts.labels))
+            closed, gamma, approach = closed.select(part), gamma[part], approach[part]
         events: list[ImpactEvent] = []
         try:
-            velocity = self._collide(self.collider, data, closed, gamma, events)
+            velocity = self._collide(self.collider, data, closed, gamma, approach, events)
             return _Resolved(velocity, events, is_short=any(_has_lost_restitution(event.impact) for event in events))
         except _UNSOLVED as unsolved:
             if constraints is not None and constraints.drive(events).any():
                 return _Resolved(None, events)
             events = []
-            velocity = self._without_restitution(data, closed, gamma, events)
+            velocity = self._without_restitution(data, closed, gamma, approach, events)
             does_not_fit = self.collider.law.normal_law.common_coefficient is None  # else constraints hold a body still
             if velocity is not None and does_not_fit and isinstance(unsolved, UnsolvableLawError):
                 raise
@@ -165,32 +174,37 @@ class Collisions:
     def _constrained(
         self, data: mujoco.MjData, closed: Closed, gamma: np.ndarray, kept: Constraints
     ) -> tuple[Closed, np.ndarray]:
-        """Return the contacts that take part, with the constraints that keep their velocity, and contact velocities.
+        """Return the contacts that take part, with the constraints that keep their velocity, and their indices.
 
         Contacts that equality constraints tie do not take part, nor do limits that only their drift closes.
         """
-        free = np.flatnonzero(~kept.tie(closed.contacts))
-        closed, gamma = closed.select(free), gamma[free]
+        part = np.flatnonzero(~kept.tie(closed.contacts))
+        closed, gamma = closed.select(part), gamma[part]
         constraints = self.bilateral_rows(data, kept.calm(closed.jacobian, gamma))
         if constraints is not None:
             limits = closed.contacts.geoms[:, 0] < 0
             given = drifting(self.metric(data), closed.jacobian, constraints, data.qvel)
             acting = np.flatnonzero(~(limits & given))
-            closed, gamma = closed.select(acting), gamma[acting]
-        return closed._replace(bilateral=constraints), gamma
+            closed, part = closed.select(acting), part[acting]
+        return closed._replace(bilateral=constraints), part
 
     def _collide(
-        self, collider: Collider, data: mujoco.MjData, closed: Closed, gamma: np.ndarray, events: list[ImpactEvent]
+        self,
+        collider: Collider,
+        data: mujoco.MjData,
+        closed: Closed,
+        gamma: np.ndarray,
+        approach: np.ndarray,
+        events: list[ImpactEvent],
     ) -> np.ndarray:
         """Return the velocity after all collisions, (nv,), and append these."""
-        h = len(closed.contacts)
         self._work.begin()
         return collider.collide(
             self.metric(data),
             closed,
             data.qvel.copy(),
-            approach=np.full(h, self.rest_speed),
-            rounding=np.full(h, ROUNDING * np.abs(gamma).max()),
+            approach=approach,
+            rounding=np.full(len(gamma), ROUNDING * np.abs(gamma).max()),
             opening=OPENING * self.rest_speed,
             time=data.time,
             qpos=data.qpos,
@@ -213,7 +227,12 @@ class Collisions:
             return bilateral_rows(self.model, data, self.bilateral, calm=calm)
 
     def _without_restitution(
-        self, data: mujoco.MjData, closed: Closed, gamma: np.ndarray, events: list[ImpactEvent]
+        self,
+        data: mujoco.MjData,
+        closed: Closed,
+        gamma: np.ndarray,
+        approach: np.ndarray,
+        events: list[ImpactEvent],
     ) -> np.ndarray | None:
         """Return the velocity after the collisions without restitution, (nv,), and append these.
 
@@ -226,9 +245,16 @@ class Collisions:
         if _is_same(law, last):
             return None
         try:
-            return self._collide(replace(self.collider, law=last), data, closed, gamma, events)
+            return self._collide(replace(self.collider, law=last), data, closed, gamma, approach, events)
         except _UNSOLVED:
             return None
+
+    def _approach(self, data: mujoco.MjData, closed: Closed, gamma: np.ndarray) -> np.ndarray:
+        """Return the closing speeds above which contacts collide, (h,), see `pressed_contacts`."""
+        row = first_rows(self.model, data)
+        depth, last = data.efc_margin[row] - data.efc_pos[row], closed.jacobian @ data.qacc_warmstart
+        given = self.model.opt.timestep, self.rest_speed
+        return np.array([approach_speed(*each, *given) for each in zip(gamma, last, depth, strict=True)])
 
     def closed(self, data: mujoco.MjData) -> Closed:
         """Return the contacts and limits that MuJoCo's solver acts on now, as closed contacts without constraints."""

@@ -180,7 +180,7 @@ def test_a_law_that_changes_nothing_changes_nothing(integrator, solver, cone, ja
         drive(model, reference, lambda: mujoco.mj_step(model, reference), i)
         collisions += len(stepper.events)
         assert_same(data, reference)
-    assert collisions > 10
+    assert collisions > 5  # each contact as it closes
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS[:4])

@@ -44,8 +44,10 @@ from impactlaw.stepping.compiled.islands import join_trees, tree_of
 from impactlaw.stepping.compiled.whitening import unwhitened, whitened
 from impactlaw.stepping.soft.compiled.contacts.active_contacts import (
     ActiveContacts,
+    approach_speeds,
     find,
     normal_velocities,
+    some_collides,
     within_reach,
 )
 from impactlaw.stepping.soft.compiled.contacts.drifting_limits import leave_drifting_out
@@ -143,11 +145,11 @@ def _some_driven(w, v, z, islands):
 
 @linked(
     types.int64(
-        WORLD, LAW, FOUND, FLOATS, FLOATS, _ISLANDS, GRADIENTS, types.float64, types.float64, types.boolean, FLOATS,
-        FLOATS,
+        WORLD, LAW, FOUND, FLOATS, FLOATS, FLOATS, _ISLANDS, GRADIENTS, types.float64, types.float64, types.boolean,
+        FLOATS, FLOATS,
     )
 )  # fmt: skip
-def _resolve(w, law, found, gamma, calm, islands, gradients, rounding, opening, last, velocity, sums):
+def _resolve(w, law, found, gamma, approach, calm, islands, gradients, rounding, opening, last, velocity, sums):
     """Resolve one collision: change the velocity, (nv,), and add to the sums; return its status.
 
     The last collision is of all contacts, with E = 0. The status is `_DRIVEN` if constraints that give way supply much
@@ -161,7 +163,7 @@ def _resolve(w, law, found, gamma, calm, islands, gradients, rounding, opening, 
             reached[i] = True
     else:
         separates = max(rounding, opening)
-        within_reach(w, found, jacobian, gamma, law.rest_speed, separates, cleared(size(w, MODEL.ntree)), reached)
+        within_reach(w, found, jacobian, gamma, approach, separates, cleared(size(w, MODEL.ntree)), reached)
         for i in range(len(gamma)):
             trembles = trembles or (reached[i] and gamma[i] > rounding)
     rows = read(w, found, jacobian, reached, root, law.frictional)
@@ -170,7 +172,7 @@ def _resolve(w, law, found, gamma, calm, islands, gradients, rounding, opening, 
         rows, moves = projected(free, w.nv, basis, kept)
     if not moves:
         return PYTHON
-    members, n = everyone(rows) if last else reached_by(rows, gamma, law.rest_speed, w.nv), len(rows.nnz)
+    members, n = everyone(rows) if last else reached_by(rows, gamma, approach, w.nv), len(rows.nnz)
     v, before, restored, x, z = numbers(w.nv), zeros(n), zeros(n), zeros(n), zeros(w.nv)
     whitened(velocity, inertia, root, v)
     if not _ask(w, law, found, free, members, v, last, before, restored):
@@ -243,8 +245,11 @@ def _collide(w, law, islands, sums):
     n, speeds = number(w, DATA.nefc), data_floats(w, DATA.efc_vel, number(w, DATA.nefc))
     found = find(w, law.bilateral)
     gamma, qvel = numbers(len(found.row)), velocity_of(w)
-    lowest = normal_velocities(found, speeds, gamma)
-    if not lowest < -law.rest_speed:
+    if not normal_velocities(found, speeds, gamma) < -law.rest_speed:
+        return FINE, False
+    approach = numbers(len(gamma))
+    approach_speeds(w, found, gamma, law.rest_speed, approach)
+    if not some_collides(gamma, approach):
         return FINE, False
     calm, jacobian = zeros(len(islands.label)), jacobian_of(w, True)
     if len(calm) > 0:
@@ -253,9 +258,10 @@ def _collide(w, law, islands, sums):
     if len(gradients.basis) > 0 and number(w, DATA.nl) > 0:
         h = leave_drifting_out(w, gradients, found, gamma)
         found, gamma = ActiveContacts(found.row[:h], found.contact[:h], found.paired[:h]), gamma[:h]
-        lowest = normal_velocities(found, speeds, gamma)
-    if not lowest < -law.rest_speed:
-        return FINE, False
+        approach = approach[:h]
+        approach_speeds(w, found, gamma, law.rest_speed, approach)
+        if not some_collides(gamma, approach):
+            return FINE, False
     rounding, opening = 0.0, OPENING * law.rest_speed
     for speed in gamma:
         rounding = max(rounding, ROUNDING * abs(speed))
@@ -263,7 +269,9 @@ def _collide(w, law, islands, sums):
     while status == FINE:
         last = sums[COUNT] >= law.most
         put(before, velocity)
-        status = _resolve(w, law, found, gamma, calm, islands, gradients, rounding, opening, last, velocity, sums)
+        status = _resolve(
+            w, law, found, gamma, approach, calm, islands, gradients, rounding, opening, last, velocity, sums
+        )
         if status == _OPPOSED:
             status, opening = FINE, 0.0
             continue
@@ -276,7 +284,8 @@ def _collide(w, law, islands, sums):
             break
         mj.mul_jac_vec(w.model, w.data, address_of(rows), address_of(velocity))
         keep(rows)
-        if not normal_velocities(found, rows, gamma) < -law.rest_speed:
+        normal_velocities(found, rows, gamma)
+        if not some_collides(gamma, approach):
             break
     if status == FINE:
         put(qvel, velocity)

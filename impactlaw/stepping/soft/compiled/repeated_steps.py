@@ -19,7 +19,7 @@ import numpy as np
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact, cone_problem
 from impactlaw.mechanics.impact import Impact
-from impactlaw.scene.contacts import acted_on
+from impactlaw.scene.contacts import first_rows
 from impactlaw.solvers.certificate import judge
 from impactlaw.solvers.friction.problem import ConeAnswer
 from impactlaw.solvers.friction.solve import shared
@@ -47,7 +47,7 @@ def _events_of(outcomes: list[Outcome], collisions: Collisions, data: mujoco.MjD
     data.time, data.qpos[:], data.qvel[:] = first.time, first.qpos, first.before
     mujoco.mj_fwdPosition(model, data)
     mujoco.mj_fwdVelocity(model, data)
-    closed, metric, row = collisions.closed(data), collisions.metric(data), _first_rows(model, data)
+    closed, metric, row = collisions.closed(data), collisions.metric(data), first_rows(model, data)
     if data.ne:
         kept = np.where(np.isnan(first.impulse[: data.ne]), -1.0, np.inf)
         closed = closed._replace(bilateral=collisions.bilateral_rows(data, kept))
@@ -56,11 +56,6 @@ def _events_of(outcomes: list[Outcome], collisions: Collisions, data: mujoco.MjD
         some = closed.select(part)
         impact = _impact(some.collision(metric, outcome.before).without_idle_friction, outcome, row[part])
         yield ImpactEvent(outcome.time, some.contacts, impact, outcome.qpos.copy())
-
-
-def _first_rows(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-    """Return MuJoCo's first row of each contact and limit, in the order of `Collisions.closed`, int (h,)."""
-    return np.concatenate([data.contact.efc_address[acted_on(model, data)], data.ne + data.nf + np.arange(data.nl)])
 
 
 def _impact(collision: Collision, outcome: Outcome, row: np.ndarray) -> Impact:

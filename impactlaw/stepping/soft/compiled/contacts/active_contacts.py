@@ -8,23 +8,29 @@ import mujoco
 import numpy as np
 
 from impactlaw.scene.tolerances import OUT_OF_REACH
-from impactlaw.solvers.cones.algebra.loops import cleared, indices, numbers, once, plain, put
+from impactlaw.solvers.cones.algebra.loops import cleared, indices, kernel, numbers, once, plain, put
+from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
     bodies_of,
     contact_ints,
     contacts_of,
+    data_at,
+    data_floats,
     jacobian_of,
     model_ints,
     number,
+    offset,
     option,
     shapes_of,
 )
-from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL
+from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, float_at, keep
 from impactlaw.stepping.compiled.left_out.hidden_edges import hide_edges
 from impactlaw.stepping.compiled.left_out.tied_contacts import mark_tied
+from impactlaw.stepping.soft import pressed_contacts
 
 Array = np.ndarray[Any, Any]
 
+approach_speed = plain(pressed_contacts.approach_speed)
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 
 
@@ -91,6 +97,29 @@ def normal_velocities(found, velocity, gamma):
     return lowest
 
 
+@kernel
+def approach_speeds(w, found, gamma, rest_speed, approach):
+    """Write the closing speeds above which contacts collide, (h,), see `soft.pressed_contacts`; gamma is (h,)."""
+    n, h = number(w, DATA.nefc), float_at(w.model + offset(w, MODEL.opt_timestep))
+    rows, last = numbers(n), numbers(len(gamma))
+    mj.mul_jac_vec(w.model, w.data, address_of(rows), data_at(w, DATA.qacc_warmstart))
+    keep(rows)
+    normal_velocities(found, rows, last)
+    gap, margin = data_floats(w, DATA.efc_pos, n), data_floats(w, DATA.efc_margin, n)
+    for i in range(len(gamma)):
+        row = found.row[i]
+        approach[i] = approach_speed(gamma[i], last[i], margin[row] - gap[row], h, rest_speed)
+
+
+@plain
+def some_collides(gamma, approach):
+    """Return whether a contact closes faster than its speed in `approach`, (h,)."""
+    some = False
+    for i in range(len(gamma)):
+        some = some or gamma[i] < -approach[i]
+    return some
+
+
 @plain
 def _meets(jacobian, row, tree, mark):
     """Return whether a row of MuJoCo acts on a marked tree."""
@@ -113,7 +142,7 @@ def _mark(jacobian, row, tree, mark):
 
 
 @plain
-def within_reach(w, found, jacobian, gamma, speed, rounding, mark, reached):
+def within_reach(w, found, jacobian, gamma, approach, rounding, mark, reached):
     """Find the contacts that do not separate and that chains of shared trees connect to a contact that collides.
 
     Equality constraints join the trees that they act on.
@@ -123,7 +152,7 @@ def within_reach(w, found, jacobian, gamma, speed, rounding, mark, reached):
         found: its contacts.
         jacobian: MuJoCo's rows, see `access.jacobian_of`.
         gamma: contact velocities, (h,).
-        speed: closing speed above which a contact collides, m/s or rad/s.
+        approach: closing speeds above which contacts collide, m/s or rad/s, (h,).
         rounding: contact velocity up to which a contact does not separate, m/s or rad/s.
         mark: marks of trees, all False before, bool (ntree,), written.
         reached: the contacts found, all False before, bool (h,), written.
@@ -133,7 +162,11 @@ def within_reach(w, found, jacobian, gamma, speed, rounding, mark, reached):
         more = False
         for i in range(len(gamma)):
             row = found.row[i]
-            if not reached[i] and gamma[i] <= rounding and (gamma[i] < -speed or _meets(jacobian, row, tree, mark)):
+            if (
+                not reached[i]
+                and gamma[i] <= rounding
+                and (gamma[i] < -approach[i] or _meets(jacobian, row, tree, mark))
+            ):
                 reached[i] = more = True
                 _mark(jacobian, row, tree, mark)
         for row in range(number(w, DATA.ne)):

@@ -143,13 +143,13 @@ def _couples(rows, work, length, g, other):
 
 
 @plain
-def _reach(rows, gamma, speed, reached, work, length, queue):
+def _reach(rows, gamma, approach, reached, work, length, queue):
     """Write the contacts that `reached_by` returns into `queue`, and return their number.
 
     Args:
         rows: the rows of contacts.
         gamma: velocities of all contacts, (h,).
-        speed: closing speed above which a contact collides, m/s or rad/s.
+        approach: closing speeds above which contacts collide, m/s or rad/s, (h,).
         reached: False before, (k,), written.
         work: zeros, (nv,).
         length: scratch space, (n,).
@@ -157,7 +157,7 @@ def _reach(rows, gamma, speed, reached, work, length, queue):
     """
     k, end, at = len(reached), 0, 0
     for g in range(k):
-        if gamma[rows.of[g]] < -speed:
+        if gamma[rows.of[g]] < -approach[rows.of[g]]:
             reached[g], queue[end], end = True, g, end + 1
     if end == k:
         return k
@@ -180,13 +180,13 @@ def _reach(rows, gamma, speed, reached, work, length, queue):
 
 
 @once
-def reached_by(rows, gamma, speed, nv):
-    """Return the contacts that the impulses of contacts closing faster than `speed` reach, through others too, int64.
+def reached_by(rows, gamma, approach, nv):
+    """Return the contacts that the impulses of contacts that collide reach, through others too, int64.
 
     The array is valid until the function that calls this returns.
     """
     queue = indices(len(rows.of))
-    end = _reach(rows, gamma, speed, cleared(len(queue)), zeros(nv), numbers(len(rows.nnz)), queue)
+    end = _reach(rows, gamma, approach, cleared(len(queue)), zeros(nv), numbers(len(rows.nnz)), queue)
     return queue[:end]
 
 
@@ -197,9 +197,9 @@ def influenced(rows, g, nv, queue):
     ``queue`` is written, (k,).
     """
     k = len(rows.of)
-    gamma = zeros(rows.of[k - 1] + 1)  # as if that contact alone collided
+    gamma, approach = zeros(rows.of[k - 1] + 1), zeros(rows.of[k - 1] + 1)  # as if that contact alone collided
     gamma[rows.of[g]] = -1.0
-    return _reach(rows, gamma, 0.0, cleared(k), zeros(nv), numbers(len(rows.nnz)), queue)
+    return _reach(rows, gamma, approach, cleared(k), zeros(nv), numbers(len(rows.nnz)), queue)
 
 
 @once

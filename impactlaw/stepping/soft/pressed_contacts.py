@@ -1,0 +1,31 @@
+"""Contacts that other forces press closed: what these close in the course of some steps is no collision.
+
+A force that accelerates a contact by a closes it by ``h a`` in a timestep. For light links, such as fingers that
+muscles pull into their limits, this is far above ``rest_speed``. If such a contact collided anew in each step, its
+spring, which is to balance the force, could not sink in, and each step would cost a collision. Therefore a contact
+collides only when it has just closed. One that is deeper than it can have closed within a step was closed before: the
+law has had its turn, and MuJoCo's contact acts alone, as in `mj_step`. It takes part in collisions of other contacts,
+and collides itself if their impulses make it close by `rest_speed` more.
+
+Right after a reset there has been no step before, so that contacts of any depth collide.
+"""
+
+from __future__ import annotations
+
+_BEFORE = 1.1  # depth of a contact that was closed before the last step, relative to its largest way in that step
+
+
+def approach_speed(gamma: float, acceleration: float, depth: float, timestep: float, rest_speed: float) -> float:
+    """Return the closing speed above which a contact collides, m/s or rad/s; also called by compiled code.
+
+    Args:
+        gamma: its contact velocity, m/s or rad/s.
+        acceleration: that of the contact in the step before, m/s^2 or rad/s^2; 0 if there was none.
+        depth: how deep it is closed, m or rad.
+        timestep: s.
+        rest_speed: closing speed above which a contact collides that has just closed, m/s or rad/s.
+    """
+    closing = max(-gamma, timestep * acceleration - gamma)
+    if gamma >= -rest_speed or acceleration == 0.0 or depth <= _BEFORE * timestep * closing:
+        return rest_speed
+    return rest_speed - gamma
