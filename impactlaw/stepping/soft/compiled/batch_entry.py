@@ -9,7 +9,7 @@ import numba
 from numba import types
 
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.loops import numbers
+from impactlaw.solvers.cones.algebra.loops import numbers, zeros
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.fields import address_of, flags, floats, keep, longs
 from impactlaw.stepping.compiled.pooled import copy_out, other_data
@@ -63,7 +63,7 @@ def some_steps(model, data, world, context):
         settings[SETTING.restitution], settings[SETTING.sliding], settings[SETTING.exact] != 0.0,
         settings[SETTING.last_exact] != 0.0, c[WORLDS.frictional] != 0, settings[SETTING.rest_speed],
         int(settings[SETTING.most]), longs(where[0], where[2]), floats(where[1], where[2]), report[1:2],
-        numbers(0), flags(c[WORLDS.bilateral], c[WORLDS.constraints]),
+        numbers(0), flags(c[WORLDS.bilateral], c[WORLDS.constraints]), zeros(1),
     )  # fmt: skip
     other = other_data(model, data, longs(c[WORLDS.slots], 2 * c[WORLDS.slot_count]))
     if report[2] == 0:

@@ -64,12 +64,13 @@ Array = np.ndarray[Any, Any]
 
 COUNT, ENERGY, INTENSITY, DISTANT, SCALED, LAST, SHORT, WORK = 0, 1, 2, 3, 4, 5, 6, 7
 """Indices of the sums over collisions: their number; T+ - T-; |v+ - v-|; the numbers of collisions with a distant
-effect, with scaled restitution, and with E = 0 after too many collisions; whether a collision has lost all restitution;
-and the part of T+ - T- that is the work of equality constraints that drift."""
+effect, with scaled restitution, and with E = 0 after too many collisions; whether a collision has lost all restitution
+or was left to MuJoCo's contacts; and the part of T+ - T- that is the work of equality constraints that drift."""
 SUMS = 8
 """Number of these sums."""
 
-# results of a collision that has to be repeated
+# results of a collision that is left to MuJoCo's contacts, or has to be repeated
+_LEFT = -3  # no impulses were found, and all work is used up
 _OPPOSED = -2  # restitution would be scaled, and slowly opening contacts took part: repeat without them
 _DRIVEN = -1  # constraints that give way have driven it: repeat without them, see `_collide`
 
@@ -153,8 +154,8 @@ def _resolve(w, law, found, gamma, approach, calm, islands, gradients, rounding,
     """Resolve one collision: change the velocity, (nv,), and add to the sums; return its status.
 
     The last collision is of all contacts, with E = 0. The status is `_DRIVEN` if constraints that give way supply much
-    of the energy of an island, see `_Islands`. It is `_OPPOSED` if restitution would be scaled while contacts take part
-    that open, at speeds up to `opening`.
+    of the energy of an island, see `_Islands`. It is `_OPPOSED` if restitution would be scaled, or no impulses are
+    found, while contacts take part that open, at speeds up to `opening`.
     """
     (jacobian, root, basis), inertia = gradients, inertia_of(w)
     kept, reached, trembles = len(basis) // w.nv, cleared(len(gamma)), False
@@ -169,7 +170,7 @@ def _resolve(w, law, found, gamma, approach, calm, islands, gradients, rounding,
     rows = read(w, found, jacobian, reached, root, law.frictional)
     free, moves = rows, True
     if kept > 0:
-        rows, moves = projected(free, w.nv, basis, kept)
+        rows, moves = projected(free, w.nv, basis, kept, gamma, approach)
     if not moves:
         return PYTHON
     members, n = everyone(rows) if last else reached_by(rows, gamma, approach, w.nv), len(rows.nnz)
@@ -178,12 +179,12 @@ def _resolve(w, law, found, gamma, approach, calm, islands, gradients, rounding,
     if not _ask(w, law, found, free, members, v, last, before, restored):
         return UNKNOWN
     speed = norm(v)
-    problem = CollisionProblem(law.last_exact if last else law.exact, before, restored, v, speed)
+    problem = CollisionProblem(law.last_exact if last else law.exact, before, restored, v, speed, law.left)
     residual, share = find_impulses(w, rows, members, problem, x, z)
-    if not residual <= ENOUGH:
-        return PYTHON
-    if share < 1.0 and trembles:
+    if trembles and (share < 1.0 or not residual <= ENOUGH):
         return _OPPOSED
+    if not residual <= ENOUGH:
+        return PYTHON if law.left[0] > 0.0 else _LEFT
     changed, done = norm(z), numbers(len(members))
     distant = work_of_each(rows, members, x, z, before, SIGNIFICANT * speed, done)
     gained = dot(v, FIRST, z, FIRST, w.nv) + 0.5 * changed * changed
@@ -267,7 +268,7 @@ def _collide(w, law, islands, sums):
         rounding = max(rounding, ROUNDING * abs(speed))
     velocity, before, rows, status, changed = copied(qvel), numbers(w.nv), numbers(n), FINE, False
     while status == FINE:
-        last = sums[COUNT] >= law.most
+        last = sums[COUNT] >= law.most or law.left[0] <= 0.0
         put(before, velocity)
         status = _resolve(
             w, law, found, gamma, approach, calm, islands, gradients, rounding, opening, last, velocity, sums
@@ -289,7 +290,7 @@ def _collide(w, law, islands, sums):
             break
     if status == FINE:
         put(qvel, velocity)
-    return status, changed
+    return status, changed and status == FINE
 
 
 @linked(types.Tuple((types.int64, types.boolean))(WORLD, LAW, FLOATS))
@@ -315,10 +316,16 @@ def collide(w, law, sums):
     islands = _Islands(indices(trees), cleared(trees))
     if constrained:
         _join(w, islands.label)
+    law.left[0] = 1.0
     told, status, changed = law.outcomes[0] if len(law.outcomes) > 0 else 0.0, _DRIVEN, False
     while status == _DRIVEN:
         clear(sums)
         if len(law.outcomes) > 0:
             law.outcomes[0] = told
         status, changed = _collide(w, law, islands, sums)
+    if status == _LEFT:
+        clear(sums)
+        if len(law.outcomes) > 0:
+            law.outcomes[0] = told
+        status, sums[SHORT] = FINE, 1.0
     return status, changed

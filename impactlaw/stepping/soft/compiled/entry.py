@@ -8,10 +8,10 @@ import numba
 from numba import types
 
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.loops import clear, norm, plain
+from impactlaw.solvers.cones.algebra.loops import clear, norm, plain, zeros
 from impactlaw.stepping.compiled.fields import MODEL, flags, float_at, floats, long_at, longs
 from impactlaw.stepping.compiled.libmujoco import is_watched
-from impactlaw.stepping.soft.compiled.collide import COUNT, SUMS
+from impactlaw.stepping.soft.compiled.collide import COUNT, SHORT, SUMS
 from impactlaw.stepping.soft.compiled.step import advance
 from impactlaw.stepping.soft.compiled.world import CALLBACK, FINE, Law
 from impactlaw.stepping.soft.tolerances import FALLS, REST_SPEED
@@ -24,7 +24,8 @@ class Context(NamedTuple):
     """Indices of the numbers that the entry is given: addresses, numbers of entries, and flags."""
 
     data: int = 0  # address of the data of the world
-    # whether the last step has a status other than `FINE`, or any of the steps has had a collision, written
+    # whether the last step has a status other than `FINE`, or any of the steps has had a collision, or has left one to
+    # MuJoCo's contacts, written
     news: int = 1
     model: int = 2  # address of the model
     trial: int = 3  # address of other data
@@ -81,6 +82,7 @@ def steps(context):
         speed, c[CONTEXT.most], longs(c[CONTEXT.keys], c[CONTEXT.known]),
         floats(c[CONTEXT.values], c[CONTEXT.known]), c[CONTEXT.asked : CONTEXT.asked + 1],
         floats(c[CONTEXT.outcomes], c[CONTEXT.outcome_count]), flags(c[CONTEXT.bilateral], c[CONTEXT.constraints]),
+        zeros(1),
     )  # fmt: skip
     while c[CONTEXT.taken] < c[CONTEXT.steps]:
         i = c[CONTEXT.taken]
@@ -95,7 +97,7 @@ def steps(context):
         for i in range(SUMS):
             numbers[TOTAL + i] += sums[i]
         c[CONTEXT.taken] += 1
-    c[CONTEXT.news] = numbers[TOTAL + COUNT] > 0.0
+    c[CONTEXT.news] = numbers[TOTAL + COUNT] + numbers[TOTAL + SHORT] > 0.0
 
 
 @cast(Any, numba).cfunc(types.void(types.int64, types.int64, types.int32, types.int64))

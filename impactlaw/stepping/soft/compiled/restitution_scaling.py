@@ -41,12 +41,13 @@ from impactlaw.stepping.soft.compiled.single_contact import solve_alone
 
 Array = np.ndarray[Any, Any]
 
-ENOUGH = 1e-12
+ENOUGH = problem.ENOUGH
 """Natural map that the solver must reach, relative to velocities."""
-_ALMOST = problem.ENOUGH  # natural map that suffices in Python, which takes over a collision that is solved to this
+_CLEAR = 1e-12  # natural map from which no further attempt is made to improve it
 _TOLERANCE = 1e-13  # natural map that the solver aims at
 _ROUNDS = 24  # rounds of its slower methods
 _AGAIN = 4  # largest number of attempts; the first one is without the slower methods
+_RESERVE = 0.1  # part of the work allowed to an instant that is left for impulses without restitution
 _WORTH_IT = 0.5  # remaining part of the natural map up to which another attempt is worth it
 _NONE = np.inf  # created energy if no impulses were found
 _next_share = plain(share.next_share)
@@ -62,9 +63,10 @@ class CollisionProblem(NamedTuple):
     restored: Array
     velocity: Array  # whitened velocity before the collision, (nv,)
     speed: float  # its length
+    left: Array  # see `world.Law`
 
 
-_PROBLEM = typeof(CollisionProblem(True, np.zeros(0), np.zeros(0), np.zeros(0), 0.0))
+_PROBLEM = typeof(CollisionProblem(True, np.zeros(0), np.zeros(0), np.zeros(0), 0.0, np.zeros(0)))
 
 
 @kernel
@@ -92,7 +94,7 @@ def _sharpness(rows, members, firsts, sizes, compliance, b, velocity):
 @kernel
 def _solve(w, rows, members, problem, s, x, z):
     """Improve a guess x of impulses, (n,), for a share s of restitution, write their jump z; return the natural map."""
-    n, k, b, residual, left = len(x), len(members), numbers(len(x)), np.inf, numbers(1)
+    n, k, b, residual, left = len(x), len(members), numbers(len(x)), np.inf, problem.left
     for i in range(n):
         b[i] = problem.before[i] + s * problem.restored[i]
     first, count = rows.first[members[0]], rows.sizes[members[0]]
@@ -103,13 +105,13 @@ def _solve(w, rows, members, problem, s, x, z):
     kinds, bounds, compliance = np.full(k, CONE, np.int32), zeros(k), zeros(n)
     sharp = _sharpness(rows, members, firsts, sizes, compliance, b, problem.velocity)
     for attempt in range(_AGAIN):
-        before, left[0] = residual, 1.0
+        before = residual
         residual, _ = linked_improve(
             rows.nnz, rows.adr, rows.col, rows.val, tree, firsts, sizes, kinds, bounds, compliance, b, problem.exact,
             sharp * _TOLERANCE, 0 if attempt == 0 else _ROUNDS, left, x, z,
         )  # fmt: skip
         residual /= sharp
-        if residual <= ENOUGH or not residual < _WORTH_IT * before:
+        if residual <= _CLEAR or not residual < _WORTH_IT * before or left[0] <= 0.0:
             break
         if attempt == 0 and linked_jams(
             rows.nnz, rows.adr, rows.col, rows.val, tree, firsts, sizes, kinds, bounds, compliance, b, problem.exact
@@ -145,13 +147,14 @@ def _largest(w, rows, group, problem, created, x):
     """
     clear(x)
     z, low, high, third, above = zeros(w.nv), 0.0, 1.0, np.nan, created + AIM
+    problem.left[0] = max(problem.left[0], _RESERVE)
     best, below = _attempt(w, rows, group, problem, 0.0, x, z)
     below, beyond, stalled = below + AIM, np.nan, False
     if not best <= ENOUGH or created == _NONE:
         return best, 0.0
     trial = numbers(len(x))
     for _ in range(SEARCHES):
-        if high - low <= (FOUND if above < _NONE else SOLVABLE):
+        if high - low <= (FOUND if above < _NONE else SOLVABLE) or problem.left[0] <= 0.0:
             break
         s = _next_share(low, high, third, below, above, beyond, stalled)
         put(trial, x)
@@ -191,8 +194,6 @@ def _of_group(w, rows, group, problem, is_whole, solved, done, z, x):
         own = zeros(w.nv)
         clear(x)
         solved, created = _attempt(w, rows, group, problem, 1.0, x, own)
-    if ENOUGH < solved <= _ALMOST:
-        return solved, 1.0
     restored = False
     for g in group:
         for i in range(rows.first[g], rows.first[g] + rows.sizes[g]):

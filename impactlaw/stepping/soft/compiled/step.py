@@ -32,7 +32,7 @@ from impactlaw.stepping.compiled.fields import (
     put_int,
 )
 from impactlaw.stepping.integration import STEP_STATE
-from impactlaw.stepping.soft.compiled.collide import collide
+from impactlaw.stepping.soft.compiled.collide import SHORT, collide
 from impactlaw.stepping.soft.compiled.contacts.active_contacts import find, normal_velocities
 from impactlaw.stepping.soft.compiled.contacts.kinds import LAW
 from impactlaw.stepping.soft.compiled.contacts.position_correction import put_back
@@ -181,6 +181,8 @@ def _collide_at_end(w, law, other, pushing, state, start, sums):
     status, changed = _collide(now, law, of_trial)
     if status == FINE and not changed and len(law.outcomes) > 0:
         law.outcomes[0] = told
+    if status == FINE and not changed:
+        sums[SHORT] += of_trial[SHORT]
     if status == FINE and changed:
         sums += of_trial
         put_back(now, law, before)

@@ -116,10 +116,10 @@ class CompiledSoftStepping(OneWorld):
     def _listen(self, data: mujoco.MjData, steps: int, parts: list[LazyEvents]) -> int:
         """Add the collisions of compiled code, and take the step that it has left; return the number of steps taken."""
         taken, how, total = self._fields[_TAKEN], self._fields[_STATUS], self._total
+        if total[LAST] or total[SHORT]:
+            self._scheme.collisions.unlocated += int(total[LAST])
+            self._scheme.collisions.short_steps += int(total[SHORT])
         if total[COUNT]:
-            if total[LAST] or total[SHORT]:
-                self._scheme.collisions.unlocated += int(total[LAST])
-                self._scheme.collisions.short_steps += int(total[SHORT])
             parts.append(RepeatedStep(self._repeater, self._states[:taken].copy(), total))
         return taken if how == world.FINE else taken + self._go_on(how, data, steps - taken, parts)
 

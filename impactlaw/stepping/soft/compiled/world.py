@@ -52,6 +52,10 @@ class Law(NamedTuple):
     # kinds of equality constraints, 0 for those that do not keep their velocity in collisions, uint8 (neq,); (0,) if no
     # equality constraint keeps it
     bilateral: Array
+    # remaining part of the work that the collisions of an instant may take, see `solvers.cones.budget.spend`, (1,),
+    # written; once it is used up, problems are solved by one attempt each, restitution is not searched any further, and
+    # the next collision is the last one
+    left: Array
 
 
 class World(NamedTuple):

@@ -183,10 +183,11 @@ def span(w, bilateral, calm, jacobian, root, basis):
 
 
 @plain
-def _project(rows, nv, basis, count, adr, nnz, col, val):
-    """Write dense rows without their part along the basis; return whether a part of every normal is left.
+def _project(rows, nv, basis, count, gamma, approach, adr, nnz, col, val):
+    """Write dense rows without their part along the basis; return whether the result is a problem that can be solved.
 
-    Friction rows of which no part is left become 0.
+    Rows of which no part is left become 0. Limits that constraints keep from moving then influence no other contact.
+    There must be a part of the normal of contacts with friction, and of those that collide.
     """
     clear(val)
     for g in range(len(rows.first)):
@@ -199,19 +200,21 @@ def _project(rows, nv, basis, count, adr, nnz, col, val):
                 val[at + rows.col[a]] = rows.val[a]
             if leave_out(basis, count, nv, val, at) > FIXED:
                 continue
-            if r == rows.first[g]:
+            i = rows.of[g]
+            if r == rows.first[g] and (rows.sizes[g] > 1 or gamma[i] < -approach[i]):
                 return False
             clear(val[at : at + nv])
     return True
 
 
 @once
-def projected(rows, nv, basis, count):
-    """Return `Rows` without their part along a basis, and whether a part of each normal is left.
+def projected(rows, nv, basis, count, gamma, approach):
+    """Return `Rows` without their part along a basis, and whether the result is a problem that can be solved.
 
-    The rows are valid until the function that calls this returns.
+    The rows are valid until the function that calls this returns. Contact velocities `gamma`, and closing speeds above
+    which contacts collide, are those of all contacts, (h,).
     """
     n = len(rows.nnz)
     adr, nnz, col, val = integers(n), integers(n), integers(n * nv), numbers(n * nv)
-    moves = _project(rows, nv, basis, count, adr, nnz, col, val)
+    moves = _project(rows, nv, basis, count, gamma, approach, adr, nnz, col, val)
     return Rows(rows.of, rows.first, rows.sizes, nnz, adr, col, val), moves

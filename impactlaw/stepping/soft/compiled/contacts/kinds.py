@@ -15,7 +15,7 @@ from impactlaw.stepping.soft.compiled.world import Law, World
 typeof: Any = cast(Any, numba).typeof
 _FLOATS, _KEYS, _SHORT = np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int32)
 WORLD = typeof(World(0, 0, 0, 0))
-LAW = typeof(Law(0.0, 0.0, True, True, True, 0.0, 0, _KEYS, _FLOATS, _KEYS, _FLOATS, np.zeros(0, np.uint8)))
+LAW = typeof(Law(0.0, 0.0, True, True, True, 0.0, 0, _KEYS, _FLOATS, _KEYS, _FLOATS, np.zeros(0, np.uint8), _FLOATS))
 FOUND = typeof(ActiveContacts(_KEYS, _KEYS, _KEYS))
 ROWS = typeof(Rows(_KEYS, _SHORT, _SHORT, _SHORT, _SHORT, _SHORT, _FLOATS))
 GRADIENTS = typeof(Gradients((_SHORT, _SHORT, _SHORT, _FLOATS), _FLOATS, _FLOATS))
