@@ -47,6 +47,8 @@ class SoftWorlds:
         self._scheme = scheme = _stepping(self._way, law)
         worlds = pool.worlds
         why = scheme.only_in_python
+        if scheme.collisions.surfaces is not None:
+            why = "mocap bodies that touch others move as surfaces, or belts run"
         if why is None and model.opt.integrator == _DISCRETE:
             why = 'its integrator is "discrete"'
         if why is not None:

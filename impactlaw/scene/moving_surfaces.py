@@ -80,6 +80,7 @@ class Surfaces:
         meeting = np.unique(geoms[np.isfinite(model.geom_rbound[geoms])]) if self.meet else np.zeros(0, dtype=int)
         self.carrier[meeting] = mocap[meeting]
         self._measured: list[bytes] = []
+        self._pose = b""  # poses before the last step of which `stay` was asked
         self._measure()
         self._time, self._duration = np.nan, 1.0
         self._start = self._target = np.zeros((model.nmocap, 7))
@@ -110,6 +111,14 @@ class Surfaces:
             reach, body = reach + np.linalg.norm(model.body_pos[body]), model.body_parentid[body]
         return float(reach)
 
+    def _aim(self, data: mujoco.MjData) -> np.ndarray:
+        """Return the poses in data, (nmocap, 7)."""
+        target = np.empty_like(self._target)
+        target[:, :3], target[:, 3:] = data.mocap_pos, data.mocap_quat
+        for quat in target[:, 3:]:
+            mujoco.mju_normalize4(quat)  # as MuJoCo does when it places the body
+        return target
+
     def begin(self, data: mujoco.MjData, duration: float) -> None:
         """Begin a step of this duration, s, in which bodies move to the poses in data from those of the last step.
 
@@ -117,10 +126,7 @@ class Surfaces:
         """
         if self.meet:
             self._measure()
-        target = np.empty_like(self._target)
-        target[:, :3], target[:, 3:] = data.mocap_pos, data.mocap_quat
-        for quat in target[:, 3:]:
-            mujoco.mju_normalize4(quat)  # as MuJoCo does when it places the body
+        target = self._aim(data)
         self.goes_on = going_on = self._time == data.time
         self._time, self._duration = data.time, duration
         if going_on and self.still and target.tobytes() == self._target.tobytes():
@@ -144,6 +150,22 @@ class Surfaces:
             self._last = np.where(struck[:, None], mean, self._last)
         self._start, self._target, self._mean = start, target, mean
         self.still = not any(map(np.count_nonzero, (self._before, self._first, self._last, mean)))
+
+    def stay(self, data: mujoco.MjData) -> bool:
+        """Return whether no mocap body moves in the step that begins now; if so, begin it.
+
+        Nor do they move in steps that follow until somebody sets other poses.
+        """
+        pose = data.mocap_pos.tobytes() + data.mocap_quat.tobytes()
+        same, self._pose = pose == self._pose, pose
+        if self._time == data.time:
+            return self.still and same
+        self.begin(data, 1.0)
+        return True
+
+    def forget(self) -> None:
+        """Take the next step as a start: the bodies are at rest where they are then."""
+        self._time = np.nan
 
     def _can_go(self, target: np.ndarray, duration: float) -> np.ndarray:
         """Return which bodies move to poses (nmocap, 7) in a step of this duration, s, instead of being put there."""

@@ -39,6 +39,7 @@ from mujoco import (
 from impactlaw.errors import DivergenceError
 from impactlaw.laws import Law
 from impactlaw.laws.restitution.on_contacts import Chosen
+from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.stepping.collisions import Collider
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import check_timestep
@@ -76,7 +77,7 @@ class SoftStepping:
         self.model = model
         self.collisions = Collisions(model, collider, plan, rest_speed=rest_speed, chosen=chosen)
         can_have_limits = model.ntendon > 0 or bool((model.jnt_type != _FREE).any())
-        self.collides, self._surfaces = plan.detection or can_have_limits, self.collisions.surfaces
+        self.collides = plan.detection or can_have_limits
         self._stages = Stages(model)
 
     @property
@@ -90,10 +91,14 @@ class SoftStepping:
         return self.collisions.short_steps
 
     @property
+    def _surfaces(self) -> Surfaces | None:
+        return self.collisions.surfaces
+
+    @property
     def only_in_python(self) -> str | None:
         """The reason why these steps are taken in Python under any law; None if compiled code can take them."""
-        if self._surfaces is not None:
-            return "mocap bodies that touch others move as surfaces, or belts run"
+        if self._surfaces is not None and self._surfaces.run:
+            return "belts run"
         if self.model.nflex:
             return "there is a flex"
         if self.collisions.chosen is not None:

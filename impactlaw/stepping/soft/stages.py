@@ -60,7 +60,8 @@ class Stages:
             if all(np.array_equal(*pair) for pair in zip(_met(data), before, strict=True)):
                 return ()
             velocities = row_velocities(model, data, self._before[1 + model.nq :][: model.nv])
-            if collisions.surfaces is None and not closes(model, data, velocities, collisions.rest_speed):
+            still = collisions.surfaces is None or collisions.surfaces.still
+            if still and not closes(model, data, velocities, collisions.rest_speed):
                 return ()
         return self._collide_at_end(data, collisions, start, pushing)
 

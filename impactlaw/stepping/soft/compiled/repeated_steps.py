@@ -101,6 +101,7 @@ class StepRepeater:
         scheme = copy.copy(self._scheme)
         scheme.collisions = copy.copy(scheme.collisions)  # repeated steps are not counted again
         scheme.collisions.collider = self._collider
+        scheme.collisions.surfaces = copy.copy(scheme.collisions.surfaces)
         return self._compile(scheme, warn=False), scheme.collisions, mujoco.MjData(scheme.model)
 
     def tell(self, rows: np.ndarray) -> tuple[ImpactEvent, ...]:

@@ -10,6 +10,7 @@ import numpy as np
 from impactlaw.errors import DivergenceError
 from impactlaw.laws import Law
 from impactlaw.scene.equality_constraints import constraint_kinds
+from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.stepping.compiled.one_world import OneWorld
 from impactlaw.stepping.impact_event import ImpactEvent, LazyEvents, together
 from impactlaw.stepping.integration import STEP_STATE, empty_state, restore_state
@@ -91,10 +92,29 @@ class CompiledSoftStepping(OneWorld):
     def step(self, data: mujoco.MjData, steps: int = 1) -> LazyEvents:
         """Advance by a number of timesteps, 1 or more, and return their collisions, to be resolved on demand."""
         parts: list[LazyEvents] = []
+        surfaces = self._scheme.collisions.surfaces
+        if surfaces is None or self._reason is not None:
+            self._take(data, steps, parts)
+        else:
+            self._beside_surfaces(surfaces, data, steps, parts)
+        return together(parts) if parts else ()
+
+    def _beside_surfaces(self, surfaces: Surfaces, data: mujoco.MjData, steps: int, parts: list[LazyEvents]) -> None:
+        """Take steps in compiled code as soon as no mocap body moves any more."""
+        while steps and not surfaces.stay(data):
+            self._tell("mocap bodies that touch others move as surfaces")
+            self._in_python(data, 1, parts)
+            steps -= 1
+        if steps:
+            self._take(data, steps, parts)
+            surfaces.end_there(data)
+
+    def _take(self, data: mujoco.MjData, steps: int, parts: list[LazyEvents]) -> None:
+        """Take a number of steps, and add their collisions."""
         opened, simulation = self._opened(), data
         if opened is None:
             self._in_python(data, steps, parts)
-            return together(parts)
+            return
         if steps != self._steps:
             self._ask_for(steps)
         while news := opened.call(simulation._address):  # pyright: ignore[reportAttributeAccessIssue]
@@ -102,9 +122,8 @@ class CompiledSoftStepping(OneWorld):
                 self._fail(data, self._states[self._fields[_TAKEN], : self._room], opened.message)
             steps -= self._listen(data, steps, parts)
             if not steps:
-                break
+                return
             self._ask_for(steps)
-        return together(parts) if parts else ()
 
     def _ask_for(self, steps: int) -> None:
         """Let compiled code take a number of steps."""
@@ -147,11 +166,13 @@ class CompiledSoftStepping(OneWorld):
 
     def repeat(self, row: np.ndarray, data: mujoco.MjData) -> tuple[LazyEvents, list[Outcome]]:
         """Repeat a step from the state and sums in a row; return what `step` does, and what compiled code has found."""
-        told, found, count = (), np.zeros(0), _ROOM
+        told, found, count, surfaces = (), np.zeros(0), _ROOM, self._scheme.collisions.surfaces
         while len(found) < count:
             found = np.zeros(count)
             mujoco.mj_resetData(self._model, data)  # results do not depend on steps that were repeated before
             restore_state(self._model, data, row[:-SUMS], STEP_STATE)
+            if surfaces is not None:
+                surfaces.forget()
             self._context[CONTEXT.outcomes], self._context[CONTEXT.outcome_count] = found.ctypes.data, count
             told = self.step(data)
             count = 1 + int(found[0])

@@ -1,0 +1,61 @@
+"""A force presses a light link into its limit: it bounces as the limit closes, and then MuJoCo's spring balances it."""
+
+import mujoco
+import numpy as np
+import pytest
+from scenes import INTEGRATORS, compiled
+
+from impactlaw import Moreau, Stepper
+
+LINK = """<body pos="0 0 1"><joint name="link" type="slide" axis="1 0 0" range="-.01 .01" limited="true"/>
+    <geom name="link" size=".1" mass="1e-2" contype="0" conaffinity="0"/></body>"""
+
+
+@pytest.mark.parametrize("code", ["auto", "never"])
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize("e", [0.0, 0.5])
+def test_a_pressed_limit_collides_as_it_closes(e, integrator, code):
+    """The force gives the link 0.4 m/s in a timestep, four times `rest_speed`; it ends as deep as in `mj_step`."""
+    model, data = compiled(LINK, option=f'timestep="2e-3" gravity="0 0 0" integrator="{integrator}"')
+    reference, stepper, collisions = (
+        mujoco.MjData(model),
+        Stepper(model, Moreau(e), contact_model="soft", compiled=code),
+        [],
+    )
+    data.qfrc_applied[0] = reference.qfrc_applied[0] = 2.0
+    for _ in range(300):
+        stepper.step(data)
+        mujoco.mj_step(model, reference)
+        collisions.append(stepper.sums.collisions)
+    assert 1 <= sum(collisions) <= 8
+    assert sum(collisions[50:]) == 0
+    assert data.qpos[0] == pytest.approx(reference.qpos[0], abs=1e-6)
+    assert np.abs(data.qvel).max() < 1e-6
+
+
+@pytest.mark.parametrize("code", ["auto", "never"])
+def test_a_pressed_contact_takes_part_in_collisions_of_others(code):
+    """A block that a force presses to a wall is hit by another of the same mass, which leaves at e times its speed."""
+    world = """<geom name="wall" type="plane" size="9 9 1" zaxis="1 0 0"/>
+        <body pos=".1 0 0"><joint type="slide" axis="1 0 0"/><geom name="a" size=".1" mass="1"/></body>
+        <body pos=".5 0 0"><joint type="slide" axis="1 0 0"/><geom name="b" size=".1" mass="1"/></body>"""
+    model, data = compiled(world, option='timestep="2e-3" gravity="0 0 0"')
+    stepper, told = Stepper(model, Moreau(0.5), contact_model="soft", compiled=code), []
+    data.qfrc_applied[0] = -200.0
+    for i in range(400):
+        if i == 300:
+            data.qvel[1] = -4.0
+        before = data.qvel[1]
+        stepper.step(data)
+        if i >= 300 and stepper.sums.collisions:
+            told.append((len(stepper.events[0].contacts), stepper.events[0].impact.post_velocity[1] / before))
+    assert told[0] == (2, pytest.approx(-0.5, abs=1e-6))
+
+
+@pytest.mark.parametrize("code", ["auto", "never"])
+def test_contacts_of_any_depth_collide_in_the_first_step(code):
+    model, data = compiled(LINK, option='timestep="2e-3" gravity="0 0 0"')
+    data.qpos[0], data.qvel[0] = 0.03, 1.0
+    stepper = Stepper(model, Moreau(0.5), contact_model="soft", compiled=code)
+    stepper.step(data)
+    assert stepper.events[0].impact.post_velocity[0] == pytest.approx(-0.5, abs=1e-12)
