@@ -7,7 +7,9 @@ collides only when it has just closed. One that is deeper than it can have close
 law has had its turn, and MuJoCo's contact acts alone, as in `mj_step`. It takes part in collisions of other contacts,
 and collides itself if their impulses make it close by `rest_speed` more.
 
-Right after a reset there has been no step before, so that contacts of any depth collide.
+Contacts of any depth collide right after a reset, when there was no step before, and with surfaces that move. A
+velocity that is written into data between two steps, by which a contact closes less far in a timestep than it is deep,
+is no collision.
 """
 
 from __future__ import annotations

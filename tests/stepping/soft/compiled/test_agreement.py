@@ -188,7 +188,12 @@ def test_events_are_those_of_the_steps_and_sums_those_of_the_events():
         (HEAP, "", Fremond.reversal(), "all contacts of a collision at once"),
         (HEAP, "", Coulomb(Poisson(0.5)), "all contacts of a collision at once"),
         (HEAP, "", Newton(lambda speed: 0.5), "a function of speed"),
-        (HEAP + '<body mocap="true" pos="2 0 0"><geom size=".1"/></body>', "", Moreau(0.5), "mocap bodies"),
+        (
+            HEAP + '<geom type="box" size=".1 .1 .1" pos="2 0 0" surfacevel="1 0 0 0 0 0"/>',
+            "",
+            Moreau(0.5),
+            "belts run",
+        ),
     ],
 )
 def test_what_compiled_code_does_not_take_is_in_python(world, rest, law, why):

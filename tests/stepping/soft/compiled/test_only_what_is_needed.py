@@ -8,6 +8,7 @@ import pytest
 from scenes import compiled
 
 from impactlaw import Moreau, Stepper
+from impactlaw.errors import UncompiledWarning
 from impactlaw.stepping.soft.scheme import SoftStepping
 
 BALL = '<body pos="0 0 .3"><freejoint/><geom name="ball" size=".1" mass="1"/></body>'
@@ -61,6 +62,15 @@ def test_a_mocap_body_is_a_surface_only_while_it_moves(monkeypatch, integrator, 
     data.mocap_pos[0, 2] += 1e-3
     with pytest.raises(AssertionError, match="in Python"):
         ours.step(data)
+
+
+def test_a_mocap_body_that_moves_is_told():
+    model, data = compiled(FLOOR + PADDLE + BALL)
+    stepper = Stepper(model, Moreau(0.5), contact_model="soft", compiled="auto")
+    stepper.step(data)
+    data.mocap_pos[0, 2] += 1e-3
+    with pytest.warns(UncompiledWarning, match="mocap bodies"):
+        stepper.step(data)
 
 
 def test_a_limit_that_a_constraint_holds_still_takes_no_part(monkeypatch):
