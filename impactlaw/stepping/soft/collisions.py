@@ -253,8 +253,6 @@ class Collisions:
         """Return the closing speeds above which contacts collide, (h,), see `pressed_contacts`."""
         row = first_rows(self.model, data)
         depth, last = data.efc_margin[row] - data.efc_pos[row], closed.jacobian @ data.qacc_warmstart
-        if closed.drift is not None:
-            last[closed.drift != 0.0] = 0.0  # a surface that starts to move strikes what rests on it
         given = self.model.opt.timestep, self.rest_speed
         return np.array([approach_speed(*each, *given) for each in zip(gamma, last, depth, strict=True)])
 

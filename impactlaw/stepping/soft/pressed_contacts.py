@@ -7,9 +7,8 @@ collides only when it has just closed. One that is deeper than it can have close
 law has had its turn, and MuJoCo's contact acts alone, as in `mj_step`. It takes part in collisions of other contacts,
 and collides itself if their impulses make it close by `rest_speed` more.
 
-Contacts of any depth collide right after a reset, when there was no step before, and with surfaces that move. A
-velocity that is written into data between two steps, by which a contact closes less far in a timestep than it is deep,
-is no collision.
+A velocity that is written into data, or that of a surface that starts to move, is no work of forces: a contact of any
+depth collides if its acceleration in the last step is too small to give it its speed on a way as long as it is deep.
 """
 
 from __future__ import annotations
@@ -28,6 +27,7 @@ def approach_speed(gamma: float, acceleration: float, depth: float, timestep: fl
         rest_speed: closing speed above which a contact collides that has just closed, m/s or rad/s.
     """
     closing = max(-gamma, timestep * acceleration - gamma)
-    if gamma >= -rest_speed or acceleration == 0.0 or depth <= _BEFORE * timestep * closing:
+    struck = 2.0 * depth * abs(acceleration) < gamma * gamma
+    if gamma >= -rest_speed or struck or depth <= _BEFORE * timestep * closing:
         return rest_speed
     return rest_speed - gamma
