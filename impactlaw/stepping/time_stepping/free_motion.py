@@ -58,18 +58,22 @@ def _set_margins(
     gravity = model.opt.gravity
     for_python(write_margins)(
         model.body_margin, model.geom_margin, model.geom_gap, model.pair_margin, model.pair_gap,
-        model.jnt_margin, model.tendon_margin,
-        model.geom_bodyid, model.body_rootid, model.body_treeid, sizes, data.xipos, data.subtree_com, now, led_to,
-        model.body_mocapid, surface, model.opt.timestep, float(np.sqrt(gravity.dot(gravity))),
+        model.jnt_margin, model.tendon_margin, *_places(model, data, sizes), now, led_to, surface,
+        model.opt.timestep, float(np.sqrt(gravity.dot(gravity))), np.empty((5, model.nbody)),
     )  # fmt: skip
+
+
+def _places(model: mujoco.MjModel, data: mujoco.MjData, sizes: np.ndarray) -> tuple[tuple[np.ndarray, ...], ...]:
+    """Return what `margins.write_margins` needs of bodies and shapes."""
+    bodies = model.body_rootid, model.body_treeid, model.body_mocapid, sizes, data.xipos, data.subtree_com
+    return bodies, (model.geom_bodyid, model.geom_type, data.geom_xpos, data.geom_xmat, model.geom_aabb)
 
 
 def outrun(model: mujoco.MjModel, data: mujoco.MjData, sizes: np.ndarray) -> bool:
     """Return whether a collision throws a body farther in a timestep than contacts were looked for."""
     mujoco.mj_comVel(model, data)
-    margins = model.body_margin, model.geom_margin, model.geom_bodyid
-    bodies = model.body_rootid, model.body_treeid, sizes, data.xipos
-    return bool(for_python(outruns)(*margins, *bodies, data.subtree_com, data.cvel, model.opt.timestep))
+    places, room = _places(model, data, sizes), np.empty((2, model.nbody))
+    return bool(for_python(outruns)(model.geom_margin, *places, data.cvel, model.opt.timestep, room))
 
 
 def detect_farther(

@@ -16,6 +16,10 @@ ALWAYS = 1e6
 """Margin, m or rad, with which all limits are found."""
 _MOST = mujoco.mjMAXCONPAIR
 """Largest number of contacts that MuJoCo finds between two geoms."""
+_FEW = 48
+"""Number of geoms that move up to which time is better spent on finding some in vain than on the choice of margins."""
+_SLOW_OF_FEW, _SLOW_OF_MANY = 0.15, 0.015
+"""Reach of a body, as a part of its size, up to which its margin alone covers it."""
 _PLANE, _FIELD = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD)
 
 
@@ -56,109 +60,116 @@ def write_arms(arm, carrier, body_of_geom, position, bound, body_position, paren
 
 
 @plain
-def _center_square(velocity, along, arm):
-    """Return the squared speed of a body's center of mass relative to the motion `along`; both are rows of cvel."""
-    v = plus(minus(velocity[3:], along[3:]), 1.0, cross(minus(velocity, along), arm))
-    return dot(v, v)
+def _length(v):
+    return np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
 
 
 @plain
-def _speed(velocity, along, arm, size):
-    """Return a bound of the speed of points of a body relative to the motion `along`, m/s."""
-    return np.sqrt(_center_square(velocity, along, arm)) + length(minus(velocity, along)) * size
+def _speed(i, j, at, bodies, velocity):
+    """Return a bound of the speed of body i relative to body j at points of the body `at`, m/s."""
+    root, _, _, size, center, subtree = bodies
+    x0, y0, z0 = _arm(at, root[i], center, subtree)
+    x1, y1, z1 = _arm(at, root[j], center, subtree)
+    w0, w1, w2 = velocity[i, 0], velocity[i, 1], velocity[i, 2]
+    u0, u1, u2 = velocity[j, 0], velocity[j, 1], velocity[j, 2]
+    v0 = velocity[i, 3] - velocity[j, 3] + w1 * z0 - w2 * y0 - u1 * z1 + u2 * y1
+    v1 = velocity[i, 4] - velocity[j, 4] + w2 * x0 - w0 * z0 - u2 * x1 + u0 * z1
+    v2 = velocity[i, 5] - velocity[j, 5] + w0 * y0 - w1 * x0 - u0 * y1 + u1 * x1
+    w0, w1, w2 = w0 - u0, w1 - u1, w2 - u2
+    return np.sqrt(v0 * v0 + v1 * v1 + v2 * v2) + np.sqrt(w0 * w0 + w1 * w1 + w2 * w2) * size[at]
 
 
 @plain
 def _arm(i, root, center, subtree):
-    return minus(row(center, i), row(subtree, root[i]))
+    return center[i, 0] - subtree[root, 0], center[i, 1] - subtree[root, 1], center[i, 2] - subtree[root, 2]
 
 
 @plain
-def _leader(tree):
-    """Return the first body of the only tree of bodies; the world, 0, if there are several trees or none."""
-    first = 0
-    for i in range(len(tree)):
-        if tree[i] > 0:
-            return 0
-        if tree[i] == 0 and first == 0:
-            first = i
-    return first
+def _are_near(i, j, reach, size, center):
+    """Return whether the spheres about two bodies are nearer than a reach, m."""
+    x, y, z = center[i, 0] - center[j, 0], center[i, 1] - center[j, 1], center[i, 2] - center[j, 2]
+    within = size[i] + size[j] + reach
+    return x * x + y * y + z * z < within * within
 
 
 @plain
-def _calm_leader(root, tree, center, subtree, velocity):
-    """Return the leader if bodies are slower relative to it than relative to the world, else the world."""
-    leader, slower = _leader(tree), 0.0
-    for i in range(len(tree) if leader != 0 else 0):
-        if tree[i] == 0:
-            arm = _arm(i, root, center, subtree)
-            slower += _center_square(velocity[i], velocity[0], arm)
-            slower -= _center_square(velocity[i], velocity[leader], arm)
-    return leader if slower > 0.0 else 0
+def _is_near(i, radius, g, shapes, center):
+    """Return whether a sphere about body i meets a geom that does not move."""
+    _, kind, place, turn, box = shapes
+    x, y, z = center[i, 0] - place[g, 0], center[i, 1] - place[g, 1], center[i, 2] - place[g, 2]
+    if kind[g] == _PLANE:
+        return x * turn[g, 2] + y * turn[g, 5] + z * turn[g, 8] < radius
+    square = 0.0
+    for k in range(3):
+        beyond = abs(x * turn[g, k] + y * turn[g, 3 + k] + z * turn[g, 6 + k] - box[g, k]) - box[g, 3 + k]
+        square += max(0.0, beyond) * max(0.0, beyond)
+    return square < radius * radius
 
 
 @plain
-def _pass_by(leader, root, tree, size, center, subtree, velocity):
-    """Return a bound of the speed of the world relative to the leader, at points of its tree's bodies, m/s."""
-    far, largest, at = 0.0, 0.0, (0.0, 0.0, 0.0)
-    for i in range(len(tree)):
-        if tree[i] == 0:
-            arm = _arm(i, root, center, subtree)
-            far, largest = max(far, dot(arm, arm)), max(largest, size[i])
-    return _speed(velocity[leader], velocity[0], at, np.sqrt(far) + largest)
+def _tree_at(i, reach, bodies):
+    """Return the first body after the tree of body i, and the radius of a sphere about body i around that tree, m.
 
-
-@plain
-def outruns(
-    body_margin, geom_margin, body_of_geom, root, tree, size, center, subtree, velocity, timestep
-):  # fmt: skip
-    """Return whether a body moves farther in a timestep than contacts were looked for.
-
-    It must do so relative to the world, and also in the frame of the leader, in which the world moves, too.
-
-    The margins are those with which contacts were looked for; margins of geoms are smaller if another geom of the body
-    has a gap. ``velocity`` is MuJoCo's cvel for the velocity after contact. For all arguments see `write_margins`.
+    The sphere has a reach for each body, (nbody,).
     """
-    leader, margins = _leader(tree), (body_margin, geom_margin, body_of_geom)
-    far = _is_far(margins, root, tree, size, center, subtree, velocity, timestep, 0)
-    if far and leader != 0:
-        travel = timestep * _pass_by(leader, root, tree, size, center, subtree, velocity)
-        far = travel > body_margin[0]
-        for g in range(len(geom_margin)):
-            far = far or (tree[body_of_geom[g]] < 0 and travel > geom_margin[g])
-        return far or _is_far(margins, root, tree, size, center, subtree, velocity, timestep, leader)
-    return far
+    _, tree, _, size, center, _ = bodies
+    end, radius = i, 0.0
+    while end < len(tree) and tree[end] == tree[i]:
+        x, y, z = center[end, 0] - center[i, 0], center[end, 1] - center[i, 1], center[end, 2] - center[i, 2]
+        radius = max(radius, np.sqrt(x * x + y * y + z * z) + size[end] + reach[end])
+        end += 1
+    return end, radius
 
 
 @plain
-def _is_far(margins, root, tree, size, center, subtree, velocity, timestep, leader):
-    body_margin, geom_margin, body_of_geom = margins
+def outruns(geom_margin, bodies, shapes, velocity, timestep, work):
+    """Return whether a body can reach another one in a timestep from farther than contacts were looked for.
+
+    The margins are those with which contacts were looked for. ``velocity`` is MuJoCo's cvel for the velocity after
+    contact. ``work``, (2, nbody), is scratch space. For the other arguments see `write_margins`.
+    """
+    (_, tree, _, size, center, _), of = bodies, shapes[0]
+    least, reach = work[0], work[1]
     for i in range(len(tree)):
-        if tree[i] >= 0:
-            speed = _speed(velocity[i], velocity[leader], _arm(i, root, center, subtree), size[i])
-            if timestep * speed > body_margin[i]:
-                return True
-    for g in range(len(geom_margin)):
-        i = body_of_geom[g]
-        if tree[i] >= 0 and geom_margin[g] < body_margin[i]:
-            speed = _speed(velocity[i], velocity[leader], _arm(i, root, center, subtree), size[i])
-            if timestep * speed > geom_margin[g]:
-                return True
+        least[i] = np.inf
+        reach[i] = timestep * _speed(i, 0, i, bodies, velocity) if tree[i] >= 0 else 0.0
+    for g in range(len(of)):
+        least[of[g]] = min(least[of[g]], geom_margin[g])
+    for i in range(len(tree)):
+        for j in range(i + 1, len(tree) if tree[i] >= 0 else 0):
+            far = tree[j] >= 0 and reach[i] + reach[j] > least[i] + least[j]
+            if far and _are_near(i, j, reach[i] + reach[j], size, center):
+                way = timestep * _speed(i, j, i if size[i] < size[j] else j, bodies, velocity)
+                if way > least[i] + least[j] and _are_near(i, j, way, size, center):
+                    return True
+    begin = 0
+    while begin < len(tree):
+        end, radius = _tree_at(begin, reach, bodies)
+        far = False
+        for i in range(begin, end):
+            far = far or reach[i] > least[i]
+        for g in range(len(of) if far else 0):
+            if tree[of[g]] < 0 and _is_near(begin, radius, g, shapes, center):
+                for i in range(begin, end):
+                    far = reach[i] > least[i] + geom_margin[g]
+                    if far and _is_near(i, size[i] + reach[i], g, shapes, center):
+                        return True
+        begin = end
     return False
 
 
 @plain
 def write_margins(
-    body_margin, geom_margin, geom_gap, pair_margin, pair_gap, joint_margin, tendon_margin, body_of_geom, root, tree,
-    size, center, subtree, velocity, led_to, mocap, surface_speed, timestep, gravity,
+    body_margin, geom_margin, geom_gap, pair_margin, pair_gap, joint_margin, tendon_margin, bodies, shapes, velocity,
+    led_to, surface_speed, timestep, gravity, work,
 ):  # fmt: skip
     """Write margins of bodies, geoms, pairs, joints and tendons, m or rad, for one step.
 
-    MuJoCo adds up the margins of two geoms: each is `SLACK` times the distance that the body of the geom can travel in
-    the step. If all moving bodies belong to one tree, their motion is taken relative to the first body of that tree, if
-    this is slower: then a falling robot does not find contacts between all of its own parts. In this case the world
-    gets a margin, too, since it moves relative to the robot. Limits of joints and tendons are always found; those that
-    are far are left out by `reader.read_rows`.
+    MuJoCo adds up the margins of two geoms. For bodies that are near each other, the sum is `SLACK` times the distance
+    by which they can approach each other in the step. Which of the two has that margin is chosen such that few geoms
+    meet: the fingers of a hand that swings move together, and would find each other from as far as they move if the
+    margin for the floor were theirs. Limits of joints and tendons are always found; those that are far are left out by
+    `reader.read_rows`.
 
     Args:
         body_margin: margins of bodies, (nbody,), written.
@@ -169,44 +180,116 @@ def write_margins(
         pair_gap: the same distance for pairs, m, (npair,).
         joint_margin: margins of limits of joints, (njnt,), written.
         tendon_margin: margins of limits of tendons, (ntendon,), written.
-        body_of_geom: body of each geom, (ngeom,).
-        root: the body on the world that carries each body, (nbody,).
-        tree: tree of each body, or -1 if it has no degrees of freedom, (nbody,).
-        size: result of `write_sizes`, (nbody,).
-        center: centers of mass of bodies, (nbody, 3).
-        subtree: centers of mass of subtrees, (nbody, 3).
+        bodies: root, the body on the world that carries each body; tree of each body, or -1 if it has no degrees of
+            freedom; index of the mocap body that each body is, or -1; result of `write_sizes`; all (nbody,). Centers of
+            mass of bodies and of their subtrees, (nbody, 3).
+        shapes: body and MuJoCo's geom_type of each geom, (ngeom,), their positions, (ngeom, 3), and frames, (ngeom, 9),
+            and geom_aabb, (ngeom, 6).
         velocity: MuJoCo's cvel, about the center of mass of the tree, (nbody, 6).
         led_to: cvel for the velocity to which forces lead without contact, (nbody, 6).
-        mocap: index of the mocap body that each body is, or -1, (nbody,).
         surface_speed: speed of the fastest point of mocap bodies, m/s.
         timestep: h, s.
         gravity: magnitude of gravity, m/s^2.
+        work: scratch space, (5, nbody).
     """
-    leader = _calm_leader(root, tree, center, subtree, velocity)
+    (_, tree, _, size, center, _), of, (alone, many, _, _, _) = bodies, shapes[0], work
+    motion = velocity, led_to, surface_speed, timestep, SLACK * timestep * timestep * gravity + LEAST
+    work[:], far, some, still = 0.0, 0.0, False, 0.0
+    for g in range(len(of)):
+        if tree[of[g]] >= 0:
+            many[of[g]] += 1.0
+    few = many.sum() < _FEW
+    slow = _SLOW_OF_FEW if few else _SLOW_OF_MANY
     for i in range(len(tree)):
-        arm = _arm(i, root, center, subtree)
-        speed = _speed(velocity[i], velocity[leader], arm, size[i])
-        speed = max(speed, _speed(led_to[i], led_to[leader], arm, size[i]))
-        if mocap[root[i]] >= 0:
-            speed += surface_speed
-        body_margin[i] = 0.0 if i == 0 else SLACK * timestep * (speed + timestep * gravity) + LEAST
-    if leader != 0:
-        speed = _pass_by(leader, root, tree, size, center, subtree, velocity)
-        speed = max(speed, _pass_by(leader, root, tree, size, center, subtree, led_to))
-        for i in range(len(tree)):
-            if tree[i] < 0:
-                body_margin[i] = SLACK * timestep * (speed + surface_speed)
-    far = 0.0
+        body_margin[i] = 0.0
+        if tree[i] >= 0:
+            alone[i] = _way(i, 0, bodies, motion)
+            is_fast = alone[i] > slow * size[i]
+            body_margin[i] = 0.0 if is_fast else alone[i]
+            far, some = max(far, alone[i]), some or is_fast
+    if some:
+        still = _reach_what_stands(body_margin, bodies, shapes, motion, few, work)
+    for i in range(len(tree) if some else 0):
+        for j in range(i + 1, len(tree) if many[i] > 0.0 else 0):
+            if _may_lack(i, j, body_margin, bodies, work):
+                way = _way(i, j, bodies, motion)
+                lacking = way - body_margin[i] - body_margin[j]
+                if lacking > 0.0 and _are_near(i, j, way, size, center):
+                    body_margin[i if _is_cheaper(i, j, work) else j] += lacking
     for i in range(len(tree)):
-        far = max(far, body_margin[i])
+        if tree[i] < 0:
+            body_margin[i] = still
     for i in range(len(geom_margin)):
-        geom_margin[i], geom_gap[i] = body_margin[body_of_geom[i]] + geom_gap[i], 0.0
+        geom_margin[i], geom_gap[i] = body_margin[of[i]] + geom_gap[i], 0.0
     for i in range(len(geom_margin)):
-        body_margin[body_of_geom[i]] = max(body_margin[body_of_geom[i]], geom_margin[i])
+        body_margin[of[i]] = max(body_margin[of[i]], geom_margin[i])
     for i in range(len(pair_margin)):
         pair_margin[i], pair_gap[i] = 2.0 * far + pair_gap[i], 0.0
     joint_margin[:] = ALWAYS
     tendon_margin[:] = ALWAYS
+
+
+@plain
+def _way(i, j, bodies, motion):
+    """Return `SLACK` times the distance by which body i and body j, if it moves, can approach each other in a step."""
+    (root, tree, mocap, size, _, _), (velocity, led_to, surface_speed, timestep, least) = bodies, motion
+    at = j if tree[j] >= 0 and size[j] < size[i] else i
+    speed = max(_speed(i, j, at, bodies, velocity), _speed(i, j, at, bodies, led_to))
+    if tree[j] < 0 or mocap[root[i]] >= 0 or mocap[root[j]] >= 0:
+        speed += surface_speed
+    return SLACK * timestep * speed + least
+
+
+@plain
+def _may_lack(i, j, body_margin, bodies, work):
+    """Return whether the margins of two bodies may be too small for each other."""
+    alone, many = work[0], work[1]
+    lacks = many[j] > 0.0 and alone[i] + alone[j] > body_margin[i] + body_margin[j]
+    return lacks and _are_near(i, j, alone[i] + alone[j], bodies[3], bodies[4])
+
+
+@plain
+def _is_cheaper(i, j, work):
+    """Return whether the margin of body i meets fewer pairs of geoms than that of body j, for what both have to reach.
+
+    The margin of the palm serves all fingers, and that of a finger meets all other ones.
+    """
+    many, met, served = work[1], work[2], work[3]
+    return many[i] * met[i] * served[j] < many[j] * met[j] * served[i]
+
+
+@plain
+def _reach_what_stands(body_margin, bodies, shapes, motion, few, work):
+    """Write margins with which fast bodies find geoms that do not move, and what `_is_cheaper` reads.
+
+    Return the margin of geoms that do not move: they, too, take it where that is cheaper.
+    """
+    (_, tree, _, size, center, _), of, (alone, many, met, served, need) = bodies, shapes[0], work
+    begin, still = 0, 0.0
+    while begin < len(tree):
+        end, radius = _tree_at(begin, alone, bodies)
+        for g in range(len(of) if tree[begin] >= 0 else 0):
+            if tree[of[g]] < 0 and _is_near(begin, radius, g, shapes, center):
+                for i in range(begin, end):
+                    if many[i] > 0.0 and body_margin[i] == 0.0 and _is_near(i, size[i] + alone[i], g, shapes, center):
+                        need[i], met[i], met[0] = alone[i], met[i] + 1.0, met[0] + many[i]
+        begin = end
+    for i in range(len(tree)):
+        served[0], served[i] = served[0] + need[i], served[i] + need[i]
+        for j in range(i + 1, len(tree) if many[i] > 0.0 and not few else 0):
+            if _may_lack(i, j, body_margin, bodies, work):
+                way = _way(i, j, bodies, motion)
+                if _are_near(i, j, way, size, center):
+                    met[i], met[j] = met[i] + many[j], met[j] + many[i]
+                    served[i], served[j] = served[i] + way, served[j] + way
+    many[0] = 1.0
+    for i in range(1, 0 if few else len(tree)):
+        if need[i] > still and _is_cheaper(0, i, work):
+            still = need[i]
+    many[0] = 0.0
+    for i in range(len(tree)):
+        body_margin[i] = max(body_margin[i], need[i] - still)
+    return still
 
 
 @plain

@@ -92,7 +92,7 @@ def _begin(w, counts, left, frames, gained, held, loaded):
 def _set_margins(w, gained, work):
     """Set margins such that MuJoCo finds the contacts that bodies can reach in this step; see `margins.write_margins`.
 
-    ``work``, (6 nbody + nv,), is scratch space.
+    ``work``, (6 nbody + max(nv, 5 nbody),), is scratch space.
     """
     nbody = size(w, MODEL.nbody)
     qvel, moving, kept = velocity_of(w), data_floats(w, DATA.cvel, 6 * nbody), work[6 * nbody :]
@@ -103,24 +103,33 @@ def _set_margins(w, gained, work):
         qvel[i] += gained[i]
     mj.com_vel(w.model, w.data)
     put(qvel, kept[: w.nv])
-    _write_margins(w, now, data_floats(w, DATA.cvel, (nbody, 6)))
+    _write_margins(w, now, data_floats(w, DATA.cvel, (nbody, 6)), work[6 * nbody :])
 
 
 @plain
-def _write_margins(w, now, led_to):
+def _places(w):
+    """Return what `margins.write_margins` needs of bodies and shapes."""
+    nbody, (kind, _, place, turn) = size(w, MODEL.nbody), shapes_of(w)
+    bodies = (
+        model_ints(w, MODEL.body_rootid, nbody), model_ints(w, MODEL.body_treeid, nbody),
+        model_ints(w, MODEL.body_mocapid, nbody), floats(w.sizes, nbody), data_floats(w, DATA.xipos, (nbody, 3)),
+        data_floats(w, DATA.subtree_com, (nbody, 3)),
+    )  # fmt: skip
+    of, box = model_ints(w, MODEL.geom_bodyid, len(kind)), model_floats(w, MODEL.geom_aabb, (len(kind), 6))
+    return bodies, (of, kind, place, turn, box)
+
+
+@plain
+def _write_margins(w, now, led_to, work):
     nbody, ngeom = size(w, MODEL.nbody), size(w, MODEL.ngeom)
     npair, ntendon = size(w, MODEL.npair), size(w, MODEL.ntendon)
-    gravity = floats(w.model + offset(w, MODEL.opt_gravity), 3)
+    gravity, (bodies, shapes) = floats(w.model + offset(w, MODEL.opt_gravity), 3), _places(w)
     write_margins(
         model_floats(w, MODEL.body_margin, nbody), model_floats(w, MODEL.geom_margin, ngeom),
         model_floats(w, MODEL.geom_gap, ngeom), model_floats(w, MODEL.pair_margin, npair),
         model_floats(w, MODEL.pair_gap, npair), model_floats(w, MODEL.jnt_margin, size(w, MODEL.njnt)),
-        model_floats(w, MODEL.tendon_margin, ntendon),
-        model_ints(w, MODEL.geom_bodyid, ngeom), model_ints(w, MODEL.body_rootid, nbody),
-        model_ints(w, MODEL.body_treeid, nbody), floats(w.sizes, nbody),
-        data_floats(w, DATA.xipos, (nbody, 3)), data_floats(w, DATA.subtree_com, (nbody, 3)), now, led_to,
-        model_ints(w, MODEL.body_mocapid, nbody), surface_speed(w), w.timestep,
-        norm(gravity),
+        model_floats(w, MODEL.tendon_margin, ntendon), bodies, shapes, now, led_to, surface_speed(w), w.timestep,
+        norm(gravity), floats(address_of(work), (5, nbody)),
     )  # fmt: skip
 
 
@@ -148,33 +157,29 @@ def find_sizes(w, sizes, carriers):
 
 
 @plain
-def outrun(w):
+def outrun(w, work):
     """Return whether a collision throws a body farther than contacts were looked for; see `free_motion.outrun`.
 
-    The velocities of bodies must be those after the collision, as `find_impulses` leaves them.
+    The velocities of bodies must be those after the collision, as `find_impulses` leaves them. ``work``, (2 nbody,), is
+    scratch space.
     """
-    nbody, ngeom = size(w, MODEL.nbody), size(w, MODEL.ngeom)
-    return outruns(
-        model_floats(w, MODEL.body_margin, nbody), model_floats(w, MODEL.geom_margin, ngeom),
-        model_ints(w, MODEL.geom_bodyid, ngeom), model_ints(w, MODEL.body_rootid, nbody),
-        model_ints(w, MODEL.body_treeid, nbody), floats(w.sizes, nbody),
-        data_floats(w, DATA.xipos, (nbody, 3)), data_floats(w, DATA.subtree_com, (nbody, 3)),
-        data_floats(w, DATA.cvel, (nbody, 6)), w.timestep,
-    )  # fmt: skip
+    nbody, (bodies, shapes) = size(w, MODEL.nbody), _places(w)
+    margin, room = model_floats(w, MODEL.geom_margin, size(w, MODEL.ngeom)), floats(address_of(work), (2, nbody))
+    return outruns(margin, bodies, shapes, data_floats(w, DATA.cvel, (nbody, 6)), w.timestep, room)
 
 
 @plain
 def detect_farther(w, start, free, middle, margins, work):
-    """Do the same as `free_motion.detect_farther`; ``work`` is scratch space for 6 nbody numbers and the margins."""
+    """Do the same as `free_motion.detect_farther`; ``work`` is scratch space for 11 nbody numbers and the margins."""
     nbody, qvel = size(w, MODEL.nbody), velocity_of(w)
-    before = work[6 * nbody : 6 * nbody + len(margins)]
+    before = work[11 * nbody : 11 * nbody + len(margins)]
     put(before, margins)
     led_to = floats(address_of(work), (nbody, 6))
     put(work, data_floats(w, DATA.cvel, 6 * nbody))
     put(data_floats(w, DATA.qpos, len(middle)), middle)
     put(qvel, start)
     mj.com_vel(w.model, w.data)
-    _write_margins(w, data_floats(w, DATA.cvel, (nbody, 6)), led_to)
+    _write_margins(w, data_floats(w, DATA.cvel, (nbody, 6)), led_to, work[6 * nbody :])
     np.maximum(margins, before, margins)
     full = _find_contacts(w, margins)
     mj.fwd_velocity(w.model, w.data)

@@ -118,13 +118,13 @@ def _finish(w, memory, counts, left, frames, collided, missed):
 @plain
 def _constrain(
     w, law, memory, counts, held, begun, start, middle, bias, turning, gravity, full, cone, jacobian, chosen, seen,
-    doubtful, mark, force, pairs, gaps, room, narrow, may, work,
+    doubtful, mark, force, pairs, gaps, room, narrow, may, work, space,
 ):  # fmt: skip
     """Take the rest of a step with constraints, from its middle.
 
     If the step `may` detect contacts farther away and detection was too narrow, the function returns without taking the
     rest, provided that at least as much work is left as was used of ``work``: otherwise a further attempt would find
-    worse impulses.
+    worse impulses. ``space``, (2 nbody,), is scratch space.
 
     Return how the step has ended, whether any contact collides, and by how much contact velocities miss the law.
     """
@@ -138,7 +138,7 @@ def _constrain(
         memory[MEMORY.created] = solved.created
         return solved.status, False, 0.0
     answer, touched = answer_at(room.answer, found.groups, found.rows, w.nv), found.rows > 0
-    outruns = not full and solved.collided and outrun(w)
+    outruns = not full and solved.collided and outrun(w, space)
     if outruns and may and floats(w.work, 1)[0] - RESERVE > work - floats(w.work, 1)[0]:
         remember_so_far(counts, rows, answer.x)
         return FARTHER, False, 0.0
@@ -180,7 +180,7 @@ def _step(w, law, memory, margins, cone, loaded):
     frames = memory[at + 3 * nv : at + 3 * nv + FRAME * size(w, MODEL.nbody)]
     start, middle, bias = numbers(nv), numbers(nq), zeros(nv)
     begun = copied(data_floats(w, DATA.qpos, nq))
-    work = numbers(max(6 * size(w, MODEL.nbody) + max(nv, len(margins)), 3 * nv))
+    work = numbers(max(11 * size(w, MODEL.nbody) + len(margins), 6 * size(w, MODEL.nbody) + nv, 3 * nv))
     full = to_middle(
         w, counts, left, frames, gained, held, start, middle, bias, turning, gravity, margins, work, loaded
     )
@@ -208,7 +208,7 @@ def _step(w, law, memory, margins, cone, loaded):
         room = lay_out(address_of(block), n, entries, nv)[0]
         status, collided, missed = _constrain(
             w, law, memory, counts, held, begun, start, middle, bias, turning, gravity, full, cone, jacobian, chosen,
-            seen, doubtful, mark, force, pairs, gaps, room, narrow, farther < WIDER_DETECTIONS, allowed,
+            seen, doubtful, mark, force, pairs, gaps, room, narrow, farther < WIDER_DETECTIONS, allowed, work,
         )  # fmt: skip
         keep(block)
         if status == FARTHER:
