@@ -119,6 +119,8 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         logged = {"log": log, "log_every": log_every}
         given = {"law": law, "restitution": restitution, **settled, **logged}
         RecordConstructorArgs.__init__(self, **portable_options(given))
+        if isinstance(env, str):
+            raise WrapperError(f"ImpactLaw is for a gymnasium.Env, got {env!r}; make it with gymnasium.make({env!r})")
         if not isinstance(env, gymnasium.Env):
             raise WrapperError(
                 f"ImpactLaw is for a gymnasium.Env, got a {type(env).__module__}.{type(env).__name__}; a bare "

@@ -136,6 +136,11 @@ def test_an_environment_that_does_not_step_mujoco(make, reason):
         ImpactLaw(make(), "moreau", 0.5)
 
 
+def test_the_name_of_an_environment():
+    with pytest.raises(WrapperError, match=r"got 'Hopper-v5'; make it with gymnasium\.make\('Hopper-v5'\)"):
+        ImpactLaw("Hopper-v5", "moreau", 0.5)  # pyright: ignore[reportArgumentType]
+
+
 class StepsInDoSimulation(Falling):
     def do_simulation(self, ctrl, n_frames):
         mujoco.mj_step(self.model, self.data, n_frames)
