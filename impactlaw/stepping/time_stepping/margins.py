@@ -17,7 +17,7 @@ ALWAYS = 1e6
 _MOST = mujoco.mjMAXCONPAIR
 """Largest number of contacts that MuJoCo finds between two geoms."""
 _FEW = 48
-"""Number of geoms that move up to which time is better spent on finding some in vain than on the choice of margins."""
+"""Number of geoms of a tree of bodies below which finding some in vain costs less than the choice of margins."""
 _SLOW_OF_FEW, _SLOW_OF_MANY = 0.15, 0.015
 """Reach of a body, as a part of its size, up to which its margin alone covers it."""
 _PLANE, _FIELD = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD)
@@ -198,7 +198,11 @@ def write_margins(
     for g in range(len(of)):
         if tree[of[g]] >= 0:
             many[of[g]] += 1.0
-    few = many.sum() < _FEW
+    most = of_tree = 0.0
+    for i in range(1, len(tree)):
+        of_tree = many[i] + (of_tree if tree[i] == tree[i - 1] else 0.0)
+        most = max(most, of_tree)
+    few = most < _FEW
     slow = _SLOW_OF_FEW if few else _SLOW_OF_MANY
     for i in range(len(tree)):
         body_margin[i] = 0.0
