@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.solvers.cones.algebra.loops import plain
-from impactlaw.solvers.cones.algebra.vectors import cross, dot, length, minus, plus, row
+from impactlaw.solvers.cones.algebra.vectors import axis_of, cross, dot, length, minus, plus, row
 
 LEAST = 1e-5
 """Least reach, m or rad, with which closed contacts of bodies at rest are found."""
@@ -60,48 +60,36 @@ def write_arms(arm, carrier, body_of_geom, position, bound, body_position, paren
 
 
 @plain
-def _length(v):
-    return np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-
-
-@plain
 def _speed(i, j, at, bodies, velocity):
     """Return a bound of the speed of body i relative to body j at points of the body `at`, m/s."""
     root, _, _, size, center, subtree = bodies
-    x0, y0, z0 = _arm(at, root[i], center, subtree)
-    x1, y1, z1 = _arm(at, root[j], center, subtree)
-    w0, w1, w2 = velocity[i, 0], velocity[i, 1], velocity[i, 2]
-    u0, u1, u2 = velocity[j, 0], velocity[j, 1], velocity[j, 2]
-    v0 = velocity[i, 3] - velocity[j, 3] + w1 * z0 - w2 * y0 - u1 * z1 + u2 * y1
-    v1 = velocity[i, 4] - velocity[j, 4] + w2 * x0 - w0 * z0 - u2 * x1 + u0 * z1
-    v2 = velocity[i, 5] - velocity[j, 5] + w0 * y0 - w1 * x0 - u0 * y1 + u1 * x1
-    w0, w1, w2 = w0 - u0, w1 - u1, w2 - u2
-    return np.sqrt(v0 * v0 + v1 * v1 + v2 * v2) + np.sqrt(w0 * w0 + w1 * w1 + w2 * w2) * size[at]
+    one = cross(velocity[i], _arm(at, root[i], center, subtree))
+    other = cross(velocity[j], _arm(at, root[j], center, subtree))
+    v = plus(minus(velocity[i, 3:], velocity[j, 3:]), 1.0, minus(one, other))
+    return length(v) + length(minus(velocity[i], velocity[j])) * size[at]
 
 
 @plain
 def _arm(i, root, center, subtree):
-    return center[i, 0] - subtree[root, 0], center[i, 1] - subtree[root, 1], center[i, 2] - subtree[root, 2]
+    return minus(row(center, i), row(subtree, root))
 
 
 @plain
 def _are_near(i, j, reach, size, center):
     """Return whether the spheres about two bodies are nearer than a reach, m."""
-    x, y, z = center[i, 0] - center[j, 0], center[i, 1] - center[j, 1], center[i, 2] - center[j, 2]
-    within = size[i] + size[j] + reach
-    return x * x + y * y + z * z < within * within
+    apart, within = minus(row(center, i), row(center, j)), size[i] + size[j] + reach
+    return dot(apart, apart) < within * within
 
 
 @plain
 def _is_near(i, radius, g, shapes, center):
     """Return whether a sphere about body i meets a geom that does not move."""
     _, kind, place, turn, box = shapes
-    x, y, z = center[i, 0] - place[g, 0], center[i, 1] - place[g, 1], center[i, 2] - place[g, 2]
+    apart, square = minus(row(center, i), row(place, g)), 0.0
     if kind[g] == _PLANE:
-        return x * turn[g, 2] + y * turn[g, 5] + z * turn[g, 8] < radius
-    square = 0.0
+        return dot(apart, axis_of(turn, g, 2)) < radius
     for k in range(3):
-        beyond = abs(x * turn[g, k] + y * turn[g, 3 + k] + z * turn[g, 6 + k] - box[g, k]) - box[g, 3 + k]
+        beyond = abs(dot(apart, axis_of(turn, g, k)) - box[g, k]) - box[g, 3 + k]
         square += max(0.0, beyond) * max(0.0, beyond)
     return square < radius * radius
 
@@ -115,8 +103,7 @@ def _tree_at(i, reach, bodies):
     _, tree, _, size, center, _ = bodies
     end, radius = i, 0.0
     while end < len(tree) and tree[end] == tree[i]:
-        x, y, z = center[end, 0] - center[i, 0], center[end, 1] - center[i, 1], center[end, 2] - center[i, 2]
-        radius = max(radius, np.sqrt(x * x + y * y + z * z) + size[end] + reach[end])
+        radius = max(radius, length(minus(row(center, end), row(center, i))) + size[end] + reach[end])
         end += 1
     return end, radius
 

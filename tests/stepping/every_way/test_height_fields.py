@@ -71,14 +71,23 @@ def test_bodies_roll_on_in_time_stepping(shape, floor):
 @pytest.mark.parametrize("floor", [FIELD, TILES], ids=["field", "tiles"])
 @pytest.mark.parametrize("shape", ["box", "mesh", "puck"])
 def test_the_law_of_soft_steps_does_not_act_on_hidden_edges(shape, floor, compiled):
-    """MuJoCo's own contacts with these edges remain, and slow bodies down a little."""
+    """MuJoCo's own contacts with these edges remain, and slow bodies down a little.
+
+    A corner that has sunk in deep can meet the side of a prism: so does one box of nine or so.
+    """
     model, data = scene(shape, floor)
     alone, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.5), contact_model="soft", compiled=compiled)
-    alone.qvel[:] = data.qvel
-    for _ in range(400):
-        stepper.step(data)
-        mujoco.mj_step(model, alone)
-    assert data.qvel[0] > alone.qvel[0] - 0.1
+    slowed = []
+    for turning in np.linspace(-1.0, 1.0, 9):
+        mujoco.mj_resetData(model, data)
+        data.qvel[[0, 5]] = 2.0, turning
+        mujoco.mj_resetData(model, alone)
+        alone.qvel[:] = data.qvel
+        for _ in range(400):
+            stepper.step(data)
+            mujoco.mj_step(model, alone)
+        slowed.append(alone.qvel[0] - data.qvel[0])
+    assert np.median(slowed) < 0.1
 
 
 @pytest.mark.parametrize("way", [{"scheme": "time-stepping"}, {"contact_model": "soft"}], ids=["rigid", "soft"])
@@ -87,7 +96,7 @@ def test_the_law_of_soft_steps_does_not_act_on_hidden_edges(shape, floor, compil
 def test_bodies_bounce_off_a_step_of_a_height_field(shape, compiled, way):
     """How fast one body leaves depends on the prisms that MuJoCo finds, and so on the last digits of its start."""
     least = []
-    for start in range(9 if compiled == "auto" else 1):
+    for start in range(9):
         model, data = scene(shape, FIELD, step=0.15)
         data.qpos[0] += 1e-3 * start
         stepper = Stepper(model, Moreau(0.5), compiled=compiled, **way)
@@ -96,7 +105,7 @@ def test_bodies_bounce_off_a_step_of_a_height_field(shape, compiled, way):
             stepper.step(data)
             least[-1] = min(least[-1], data.qvel[0])
         assert data.qpos[0] < 0.0
-    assert np.median(least) < -0.3 or compiled == "never"
+    assert np.median(least) < -0.3
 
 
 @pytest.mark.parametrize(

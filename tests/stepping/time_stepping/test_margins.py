@@ -123,7 +123,9 @@ def test_no_two_geoms_come_to_each_other_from_farther_than_their_margins(trees, 
             assert (approach <= far)[pairs_that_may_meet(model, apart, approach)].all()
         for scale in (0.3, 1.0, 3.0):  # a collision can cause any velocity
             after = velocities_of_bodies(model, data, scale * rng.permutation(data.qvel))
-            if not for_python(outruns)(model.geom_margin, *places(model, data, size), after, H, np.zeros((2, model.nbody))):
+            if not for_python(outruns)(
+                model.geom_margin, *places(model, data, size), after, H, np.zeros((2, model.nbody))
+            ):
                 approach = H * fastest_approaches(rng, model, data, after)
                 assert (approach <= far)[pairs_that_may_meet(model, apart, approach)].all()
 
