@@ -18,7 +18,7 @@ _MOST = mujoco.mjMAXCONPAIR
 """Largest number of contacts that MuJoCo finds between two geoms."""
 _FEW = 48
 """Number of geoms of a tree of bodies below which finding some in vain costs less than the choice of margins."""
-_SLOW_OF_FEW, _SLOW_OF_MANY = 0.15, 0.015
+_SLOW = 0.015
 """Reach of a body, as a part of its size, up to which its margin alone covers it."""
 _PLANE, _FIELD = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD)
 
@@ -155,8 +155,9 @@ def write_margins(
     MuJoCo adds up the margins of two geoms. For bodies that are near each other, the sum is `SLACK` times the distance
     by which they can approach each other in the step. Which of the two has that margin is chosen such that few geoms
     meet: the fingers of a hand that swings move together, and would find each other from as far as they move if the
-    margin for the floor were theirs. Limits of joints and tendons are always found; those that are far are left out by
-    `reader.read_rows`.
+    margin for the floor were theirs. Slow bodies, and those of mechanisms of a few geoms, have the margin for all of
+    their motion: finding some contacts in vain costs less than that choice. Limits of joints and tendons are always
+    found; those that are far are left out by `reader.read_rows`.
 
     Args:
         body_margin: margins of bodies, (nbody,), written.
@@ -189,8 +190,7 @@ def write_margins(
     for i in range(1, len(tree)):
         of_tree = many[i] + (of_tree if tree[i] == tree[i - 1] else 0.0)
         most = max(most, of_tree)
-    few = most < _FEW
-    slow = _SLOW_OF_FEW if few else _SLOW_OF_MANY
+    slow = np.inf if most < _FEW else _SLOW
     for i in range(len(tree)):
         body_margin[i] = 0.0
         if tree[i] >= 0:
@@ -199,7 +199,7 @@ def write_margins(
             body_margin[i] = 0.0 if is_fast else alone[i]
             far, some = max(far, alone[i]), some or is_fast
     if some:
-        still = _reach_what_stands(body_margin, bodies, shapes, motion, few, work)
+        still = _reach_what_stands(body_margin, bodies, shapes, motion, work)
     for i in range(len(tree) if some else 0):
         for j in range(i + 1, len(tree) if many[i] > 0.0 else 0):
             if _may_lack(i, j, body_margin, bodies, work):
@@ -250,7 +250,7 @@ def _is_cheaper(i, j, work):
 
 
 @plain
-def _reach_what_stands(body_margin, bodies, shapes, motion, few, work):
+def _reach_what_stands(body_margin, bodies, shapes, motion, work):
     """Write margins with which fast bodies find geoms that do not move, and what `_is_cheaper` reads.
 
     Return the margin of geoms that do not move: they, too, take it where that is cheaper.
@@ -267,14 +267,14 @@ def _reach_what_stands(body_margin, bodies, shapes, motion, few, work):
         begin = end
     for i in range(len(tree)):
         served[0], served[i] = served[0] + need[i], served[i] + need[i]
-        for j in range(i + 1, len(tree) if many[i] > 0.0 and not few else 0):
+        for j in range(i + 1, len(tree) if many[i] > 0.0 else 0):
             if _may_lack(i, j, body_margin, bodies, work):
                 way = _way(i, j, bodies, motion)
                 if _are_near(i, j, way, size, center):
                     met[i], met[j] = met[i] + many[j], met[j] + many[i]
                     served[i], served[j] = served[i] + way, served[j] + way
     many[0] = 1.0
-    for i in range(1, 0 if few else len(tree)):
+    for i in range(1, len(tree)):
         if need[i] > still and _is_cheaper(0, i, work):
             still = need[i]
     many[0] = 0.0
