@@ -20,6 +20,8 @@ _FEW = 48
 """Number of geoms of a tree of bodies below which finding some in vain costs less than the choice of margins."""
 _SLOW = 0.015
 """Reach of a body, as a part of its size, up to which its margin alone covers it."""
+_SPARE = 2.0
+"""Ratio of the margins of two bodies to what is enough if they do not collide: less needs more detections."""
 _PLANE, _FIELD = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD)
 
 
@@ -152,12 +154,12 @@ def write_margins(
 ):  # fmt: skip
     """Write margins of bodies, geoms, pairs, joints and tendons, m or rad, for one step.
 
-    MuJoCo adds up the margins of two geoms. For bodies that are near each other, the sum is `SLACK` times the distance
-    by which they can approach each other in the step. Which of the two has that margin is chosen such that few geoms
-    meet: the fingers of a hand that swings move together, and would find each other from as far as they move if the
-    margin for the floor were theirs. Slow bodies, and those of mechanisms of a few geoms, have the margin for all of
-    their motion: finding some contacts in vain costs less than that choice. Limits of joints and tendons are always
-    found; those that are far are left out by `reader.read_rows`.
+    MuJoCo adds up the margins of two geoms. For bodies that are near each other, the sum is `_SPARE` times `SLACK`
+    times the distance by which they can approach each other in the step, but not more than what both move by. Which of
+    the two has that margin is chosen such that few geoms meet: the fingers of a hand that swings move together, and
+    would find each other from as far as they move if the margin for the floor were theirs. Slow bodies, and those of
+    mechanisms of a few geoms, have the margin for all of their motion: finding some contacts in vain costs less than
+    that choice. Limits of joints and tendons are always found; those that are far are left out by `reader.read_rows`.
 
     Args:
         body_margin: margins of bodies, (nbody,), written.
@@ -203,7 +205,7 @@ def write_margins(
     for i in range(len(tree) if some else 0):
         for j in range(i + 1, len(tree) if many[i] > 0.0 else 0):
             if _may_lack(i, j, body_margin, bodies, work):
-                way = _way(i, j, bodies, motion)
+                way = _sum_of_margins(i, j, alone, bodies, motion)
                 lacking = way - body_margin[i] - body_margin[j]
                 if lacking > 0.0 and _are_near(i, j, way, size, center):
                     body_margin[i if _is_cheaper(i, j, work) else j] += lacking
@@ -229,6 +231,12 @@ def _way(i, j, bodies, motion):
     if tree[j] < 0 or mocap[root[i]] >= 0 or mocap[root[j]] >= 0:
         speed += surface_speed
     return SLACK * timestep * speed + least
+
+
+@plain
+def _sum_of_margins(i, j, alone, bodies, motion):
+    """Return the sum of the margins that two bodies need, for `_SPARE` times the way by which they approach."""
+    return min(_SPARE * _way(i, j, bodies, motion), alone[i] + alone[j])
 
 
 @plain
@@ -269,7 +277,7 @@ def _reach_what_stands(body_margin, bodies, shapes, motion, work):
         served[0], served[i] = served[0] + need[i], served[i] + need[i]
         for j in range(i + 1, len(tree) if many[i] > 0.0 else 0):
             if _may_lack(i, j, body_margin, bodies, work):
-                way = _way(i, j, bodies, motion)
+                way = _sum_of_margins(i, j, alone, bodies, motion)
                 if _are_near(i, j, way, size, center):
                     met[i], met[j] = met[i] + many[j], met[j] + many[i]
                     served[i], served[j] = served[i] + way, served[j] + way
