@@ -1,10 +1,10 @@
 """The order of attempts: Newton's method from the guess or from zero impulse, from the best point, then slower rounds.
 
-If friction is not unique, Newton's method may cycle. With the other map (of exact friction) it often converges soon
-from the best point found, or from the result of an interior point method that is started at the best point, at the
-guess or at zero impulse. In piles of bodies the interior point method comes first; if a pile has hundreds of coupled
-rows, no further method is tried. In a large island of a convex problem Newton's method is followed by augmented
-Lagrangians only, which come near the solution from any point.
+If friction is not unique, Newton's method may cycle. With regularization it often converges from the same guess, with
+less of it from the best point found, or else from the result of an interior point method that is started at the best
+point, at the guess or at zero impulse. In piles of bodies the interior point method follows at once, unless a pile with
+hundreds of coupled rows is nearly solved by then; in such a pile it is the last one. In a large island of a convex
+problem Newton's method is followed by augmented Lagrangians only, which come near the solution from any point.
 
 The rounds alternate between the alternating direction method and convex problems with an accelerated correction. Each
 of the two continues from its own last point, and is followed by Newton's method with another map, step and
@@ -26,16 +26,18 @@ from impactlaw.solvers.cones.convex import corrected, out_of_reach
 from impactlaw.solvers.cones.interior import interior
 from impactlaw.solvers.cones.newton import ALART_CURNIER, CONVEX, DE_SAXCE, newton
 
-_FIRST_STEPS = np.array([4, 30, 12, 30])  # Newton steps with two maps from the guess, and from zero impulse
-_FIRST_EASE = 1e2  # regularization per relative natural map there: the largest allowed until 1e-5 is left
+_FIRST_STEPS = np.array([4, 30, 12, 30])  # Newton steps without and with regularization, from the guess or from zero
+_FIRST_MAPS = np.array([ALART_CURNIER, ALART_CURNIER, ALART_CURNIER, DE_SAXCE])
+_FIRM = 1.0  # regularization per relative natural map from the guess, which keeps friction near it
+_FIRST_EASES = np.array([0.0, _FIRM, 0.0, 1e2])  # regularization per relative natural map
 _BEST, _FROM_BEST, _FROM_GUESS, _FROM_REST, _AGAIN = 0, 1, 2, 3, 4
-_BEGINS = np.array([_BEST, _FROM_BEST, _FROM_GUESS, _FROM_REST, _AGAIN, _BEST])
+_BEGINS = np.array([_BEST, _FROM_BEST, _AGAIN, _FROM_GUESS, _FROM_REST, _AGAIN, _BEST])
 """Next starting points of Newton's method: the best point; the result of the interior point method started at the best
 point, at the guess or at zero impulse; the last of these results again; and the best point again."""
-_MAPS = np.array([ALART_CURNIER, DE_SAXCE, DE_SAXCE, DE_SAXCE, ALART_CURNIER, DE_SAXCE])
-_MOST = np.array([10, 25, 25, 25, 25, 25])  # Newton steps of each
+_MAPS = np.array([ALART_CURNIER, ALART_CURNIER, DE_SAXCE, DE_SAXCE, DE_SAXCE, ALART_CURNIER, DE_SAXCE])
+_MOST = np.array([15, 25, 25, 25, 25, 25, 25])  # Newton steps of each
 _GENTLE = 30.0  # regularization per relative natural map of Newton's method after interior points
-_EASES = np.array([0.0, _GENTLE, _GENTLE, _GENTLE, 0.0, 1.0])  # regularization per relative natural map
+_EASES = np.array([0.01, _FIRM, _GENTLE, _GENTLE, _GENTLE, 0.0, 1.0])  # regularization per relative natural map
 _HOPEFUL = 1e-2  # relative natural map up to which a solution is likely to exist
 _AFTER, _LONG = np.int64(25), np.int64(75)  # Newton steps after each round, in an island of one block and of many
 _PATIENCE, _ENDLESS = np.int64(8), np.int64(1000)  # patience of Newton's method
@@ -57,7 +59,7 @@ _PILE = 40  # number of rows from which bodies may be a pile
 _INTERIOR, _HANDED_ON = np.int64(30), 1e4  # steps of the interior point method, and tolerances at which it ends
 _BRIEF_INTERIOR = np.int64(15)  # its steps in large piles
 _HURRY = np.int64(2)  # patience of Newton's method in piles before it, and in large piles after it
-_CLOSE, _SPARE = 1e-3, 0.25  # relative natural map, and part of the allowed work, for rounds from the best point
+_CLOSE, _SPARE = 1e-3, 0.25  # relative natural map, and part of the allowed work, for more from the best point
 _SHORT = 0.25  # part of the allowed work up to which rounds do not count as long
 
 
@@ -80,12 +82,12 @@ def _has_boxes(P: Island) -> bool:
 def _solve_pile(P: Island, K: Blocks, x: Array, scale: float, tolerance: float) -> tuple[int, float]:
     """Overwrite the guess x by the best point found; return steps taken and its natural map."""
     dense, one, point, large = numbers(0), 1.0, copied(x), len(x) >= LARGE
-    total, least = newton(P, K, dense, x, tolerance, _BRIEF, DE_SAXCE, one, _REDUCED, _EASE[0] / scale, _HURRY)
-    if least <= tolerance:
+    total, least = newton(P, K, dense, x, tolerance, _BRIEF, ALART_CURNIER, one, _REDUCED, _FIRM / scale, _HURRY)
+    if least <= (_CLOSE * scale if large else tolerance):
         return total, least
     total += interior(P, K, point, scale, _HANDED_ON * tolerance, _BRIEF_INTERIOR if large else _INTERIOR)
-    ease, patience = (_EASE[0], _HURRY) if large else (_GENTLE, _HASTE)
-    taken, r = newton(P, K, dense, point, tolerance, _BRIEF, DE_SAXCE, one, _REDUCED, ease / scale, patience)
+    patience, ease = _HURRY if large else _HASTE, _FIRM / scale
+    taken, r = newton(P, K, dense, point, tolerance, _BRIEF, ALART_CURNIER, one, _REDUCED, ease, patience)
     if r < least:
         least = r
         put(x, point)
@@ -158,8 +160,7 @@ def solve_island(
         if (k < 2) != warm:
             continue
         put(point, start)
-        kind = CONVEX if not P.exact else ALART_CURNIER if k % 2 == 0 else DE_SAXCE
-        ease = 0.0 if k % 2 == 0 else _FIRST_EASE / scale
+        kind, ease = _FIRST_MAPS[k] if P.exact else CONVEX, _FIRST_EASES[k] / scale
         taken, r = newton(P, K, G, point, tolerance, _FIRST_STEPS[k], kind, 1.0, delta, ease, patience)
         total += taken
         spend(left, taken * step, step, n)
