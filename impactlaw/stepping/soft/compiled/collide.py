@@ -119,14 +119,6 @@ def _ask(w, law, found, rows, members, velocity, last, before, restored):
 
 
 @kernel
-def _join(w, label):
-    """Write `_Islands.label`."""
-    n, (nnz, adr, col, val) = number(w, DATA.nefc), jacobian_of(w, True)
-    kinds, numbers_of = data_ints(w, DATA.efc_type, n), data_ints(w, DATA.efc_id, n)
-    join_trees(kinds, numbers_of, nnz, adr, col, val, model_ints(w, MODEL.dof_treeid, w.nv), label)
-
-
-@kernel
 def _some_driven(w, v, z, islands):
     """Mark islands in which constraints that give way have driven a collision; return whether there are new ones.
 
@@ -315,17 +307,17 @@ def collide(w, law, sums):
     trees = size(w, MODEL.ntree) if constrained else 0
     islands = _Islands(indices(trees), cleared(trees))
     if constrained:
-        _join(w, islands.label)
+        (nnz, adr, col, val), tree = jacobian_of(w, True), model_ints(w, MODEL.dof_treeid, w.nv)
+        kinds, of_rows = data_ints(w, DATA.efc_type, n), data_ints(w, DATA.efc_id, n)
+        join_trees(kinds, of_rows, nnz, adr, col, val, tree, islands.label)
     law.left[0] = 1.0
-    told, status, changed = law.outcomes[0] if len(law.outcomes) > 0 else 0.0, _DRIVEN, False
+    told, status, changed = copied(law.outcomes[:1]), _DRIVEN, False
     while status == _DRIVEN:
         clear(sums)
-        if len(law.outcomes) > 0:
-            law.outcomes[0] = told
+        put(law.outcomes, told)
         status, changed = _collide(w, law, islands, sums)
     if status == _LEFT:
         clear(sums)
-        if len(law.outcomes) > 0:
-            law.outcomes[0] = told
+        put(law.outcomes, told)
         status, sums[SHORT] = FINE, 1.0
     return status, changed

@@ -67,11 +67,6 @@ def _bad_states(w):
 
 
 @plain
-def _is_huge(w):
-    return not (norm(data_floats(w, DATA.qpos, size(w, MODEL.nq))) <= _HUGE and norm(velocity_of(w)) <= _HUGE)
-
-
-@plain
 def _touches(w):
     return number(w, DATA.ncon) + number(w, DATA.nl)
 
@@ -79,7 +74,8 @@ def _touches(w):
 @kernel
 def _collide(w, law, sums):
     """Resolve the current collisions, if there are any; see `collide.collide`."""
-    if _touches(w) == 0 or _is_huge(w):
+    qpos = data_floats(w, DATA.qpos, size(w, MODEL.nq))
+    if _touches(w) == 0 or not (norm(qpos) <= _HUGE and norm(velocity_of(w)) <= _HUGE):
         return FINE, False
     return collide(w, law, sums)
 
@@ -175,13 +171,11 @@ def _collide_at_end(w, law, other, pushing, state, start, sums):
     advance_without_new_contacts(now, pushing)
     mj.fwd_position(w.model, other)
     mj.fwd_velocity(w.model, other)
-    of_trial, told = zeros(len(sums)), law.outcomes[0] if len(law.outcomes) > 0 else 0.0
-    before = numbers(w.nv)
+    of_trial, told, before = zeros(len(sums)), copied(law.outcomes[:1]), numbers(w.nv)
     put(before, velocity_of(now))
     status, changed = _collide(now, law, of_trial)
-    if status == FINE and not changed and len(law.outcomes) > 0:
-        law.outcomes[0] = told
     if status == FINE and not changed:
+        put(law.outcomes, told)
         sums[SHORT] += of_trial[SHORT]
     if status == FINE and changed:
         sums += of_trial
