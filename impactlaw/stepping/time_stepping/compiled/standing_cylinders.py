@@ -16,7 +16,7 @@ from impactlaw.stepping.compiled.access import (
     size,
 )
 from impactlaw.stepping.compiled.fields import DATA, MODEL, floats, keep
-from impactlaw.stepping.time_stepping.compiled.state.surfaces import end_velocities
+from impactlaw.stepping.time_stepping.compiled.state.surfaces import ROW, velocities_of
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.standing_cylinders import make_upright
 
@@ -33,7 +33,7 @@ def find_standing(w, found):
         data_floats(w, DATA.cvel, (nbody, 6)), data_floats(w, DATA.subtree_com, (nbody, 3)),
         model_ints(w, MODEL.body_rootid, nbody), model_ints(w, MODEL.geom_bodyid, ngeom),
         floats(w.model + offset(w, MODEL.opt_gravity), 3), model_ints(w, MODEL.body_mocapid, nbody),
-        data_floats(w, DATA.mocap_pos, (size(w, MODEL.nmocap), 3)), end_velocities(w),
+        data_floats(w, DATA.mocap_pos, (size(w, MODEL.nmocap), 3)), velocities_of(w, ROW.end),
     )  # fmt: skip
     margins = model_floats(w, MODEL.geom_margin, ngeom), model_floats(w, MODEL.pair_margin, size(w, MODEL.npair))
     room = numbers(9 * ngeom)

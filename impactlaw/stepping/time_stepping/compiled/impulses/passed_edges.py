@@ -16,20 +16,21 @@ from impactlaw.stepping.compiled.access import (
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, floats, long_at
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import move_bodies
-from impactlaw.stepping.time_stepping.compiled.state.surfaces import middle_velocities
+from impactlaw.stepping.time_stepping.compiled.state.surfaces import ROW, velocities_of
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
-from impactlaw.stepping.time_stepping.problem.detection.fast_bodies import leave_fast, some_can_pass, take_back
-from impactlaw.stepping.time_stepping.problem.detection.floor_edges import leave_edges
+from impactlaw.stepping.time_stepping.problem.detection.fast_bodies import leave_fast
 from impactlaw.stepping.time_stepping.problem.detection.passed_edges import pass_over
 
 
 @plain
-def _contacts(w):
+def contacts_at(w):
+    """Return the contacts that `leave_fast` takes."""
     return *contacts_of(w), contact_ints(w, CONTACT.efc_address, 1)[:, 0]
 
 
 @plain
-def _geometry(w):
+def geometry_of(w):
+    """Return the properties of geoms and bodies that `leave_fast` takes."""
     nbody, shape = size(w, MODEL.nbody), model_ints(w, MODEL.geom_type, size(w, MODEL.ngeom))
     return shape, *bodies_of(w), model_ints(w, MODEL.body_rootid, nbody), model_ints(w, MODEL.body_mocapid, nbody)
 
@@ -43,13 +44,7 @@ def _mocap(w, data):
 
 @plain
 def _carriers(w):
-    return *_mocap(w, w.data), middle_velocities(w)
-
-
-@plain
-def may_pass(w, chosen):
-    """Return whether any contact can be doubted at all; none with a plane can."""
-    return some_can_pass(_contacts(w), model_ints(w, MODEL.geom_type, size(w, MODEL.ngeom)), chosen)
+    return *_mocap(w, w.data), velocities_of(w, ROW.now)
 
 
 @plain
@@ -60,19 +55,7 @@ def doubt_fast(w, start, chosen, doubtful):
     nbody, extent = size(w, MODEL.nbody), model_floats(w, MODEL.geom_aabb, (size(w, MODEL.ngeom), 6))
     velocity, center = data_floats(w, DATA.cvel, (nbody, 6)), data_floats(w, DATA.subtree_com, (nbody, 3))
     motion = velocity, center, extent, w.timestep, data_floats(w, DATA.geom_xmat, (size(w, MODEL.ngeom), 9))
-    return leave_fast(_contacts(w), _geometry(w), motion, _carriers(w), chosen, doubtful)
-
-
-@plain
-def doubt_edges(w, chosen, doubtful):
-    """Leave contacts with edges out that bodies may pass over, see `leave_edges`."""
-    return leave_edges(_contacts(w), _geometry(w), chosen, doubtful)
-
-
-@plain
-def stop_doubting(w, chosen, seen, doubtful):
-    """Let contacts that are seen to close take part, see `take_back`."""
-    take_back(_contacts(w), chosen, seen, doubtful)
+    return leave_fast(contacts_at(w), geometry_of(w), motion, _carriers(w), chosen, doubtful)
 
 
 @plain
@@ -83,7 +66,5 @@ def look_ahead(w, jacobian, middle, chosen, seen, doubtful):
     qpos = floats(long_at(w.scratch + offset(w, DATA.qpos)), len(middle))
     at = w.model, w.scratch, address_of(qpos), address_of(qvel)
     place = qpos, *_mocap(w, w.scratch)
-    pass_over(
-        _contacts(w), _geometry(w), extent, _carriers(w), jacobian, qvel, w.timestep, middle, place, at, chosen, seen,
-        doubtful,
-    )  # fmt: skip
+    found, geometry, carriers = contacts_at(w), geometry_of(w), _carriers(w)
+    pass_over(found, geometry, extent, carriers, jacobian, qvel, w.timestep, middle, place, at, chosen, seen, doubtful)

@@ -17,11 +17,10 @@ from impactlaw.stepping.time_stepping.compiled.impulses.contact_problem import (
 )
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import created, forces_at, half, kick, lead_to
 from impactlaw.stepping.time_stepping.compiled.impulses.passed_edges import (
-    doubt_edges,
+    contacts_at,
     doubt_fast,
+    geometry_of,
     look_ahead,
-    may_pass,
-    stop_doubting,
 )
 from impactlaw.stepping.time_stepping.compiled.limits import passes_limit
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, remember_so_far
@@ -30,6 +29,8 @@ from impactlaw.stepping.time_stepping.compiled.state.status import FINE, UNSEEN
 from impactlaw.stepping.time_stepping.compiled.state.sums import SUMS
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, SMALL_PART
+from impactlaw.stepping.time_stepping.problem.detection.fast_bodies import some_can_pass, take_back
+from impactlaw.stepping.time_stepping.problem.detection.floor_edges import leave_edges
 from impactlaw.stepping.time_stepping.problem.energy import is_met
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import TOLERANCE
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, PHASE_SET_ROWS, PHASE_SETS, SETS
@@ -88,13 +89,13 @@ def find_impulses(
     still, unseen, begun = free[:0], False, floats(w.work, 1)[0]
     put(free, qvel)
     near(w, jacobian, start, free, 2.0 * h, chosen)
-    passes = may_pass(w, chosen)
+    passes = some_can_pass(contacts_at(w), geometry_of(w)[0], chosen)
     doubts = passes and doubt_fast(w, start, chosen, doubtful)
     if doubts:
         near(w, jacobian, free, free, h, seen)
         look_ahead(w, jacobian, middle, chosen, seen, doubtful)
-        stop_doubting(w, chosen, seen, doubtful)
-    doubts = (passes and doubt_edges(w, chosen, doubtful)) or doubts
+        take_back(contacts_at(w), chosen, seen, doubtful)
+    doubts = (passes and leave_edges(contacts_at(w), geometry_of(w), chosen, doubtful)) or doubts
     found = attempt(
         w, jacobian, chosen, start, still, free, known, rounds, law, phases, mark, room, floats(room.sums, SUMS)
     )  # fmt: skip

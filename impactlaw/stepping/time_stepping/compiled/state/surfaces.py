@@ -233,15 +233,9 @@ def end_surfaces(w):
 
 
 @kernel
-def end_velocities(w):
-    """Return the velocities of the bodies at the end of this step, (nmocap, 6), or (0, 6) if they do not move."""
-    return _rows(w)[: size(w, MODEL.nmocap) if w.surfaces != 0 else 0, ROW.end : ROW.now]
-
-
-@kernel
-def middle_velocities(w):
-    """Return the velocities of the bodies in the middle of this step, (nmocap, 6), or (0, 6) if they do not move."""
-    return _rows(w)[: size(w, MODEL.nmocap) if w.surfaces != 0 else 0, ROW.now : ROW.width]
+def velocities_of(w, at):
+    """Return velocities of the bodies, by their place in `Row`, (nmocap, 6), or (0, 6) if the bodies do not move."""
+    return _rows(w)[: size(w, MODEL.nmocap) if w.surfaces != 0 else 0, at : at + 6]
 
 
 @plain
@@ -263,4 +257,4 @@ def add_surfaces(w, rows):
     bodies = body, model_ints(w, MODEL.body_rootid, nbody), model_ints(w, MODEL.body_mocapid, nbody)
     contacts = pos, frame, geom, contact_ints(w, CONTACT.efc_address, 1)[:, 0]
     place = data_floats(w, DATA.mocap_pos, (size(w, MODEL.nmocap), 3))
-    add_carried(rows, contacts, bodies, place, middle_velocities(w))
+    add_carried(rows, contacts, bodies, place, velocities_of(w, ROW.now))
