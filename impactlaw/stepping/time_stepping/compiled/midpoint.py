@@ -237,22 +237,17 @@ def _to_midpoint(w, start, margins, middle):
 @plain
 def _find_contacts(w, margins):
     warnings = ints(w.data + offset(w, DATA.warning), 2 * (max(_CONTACT_FULL, _ROWS_FULL) + 1))
+    ngeom, of_pairs = size(w, MODEL.ngeom), model_floats(w, MODEL.pair_margin, size(w, MODEL.npair))
+    shape, of_geoms = model_ints(w, MODEL.geom_type, ngeom), model_floats(w, MODEL.geom_margin, ngeom)
     for share in (*SHARES, 1.0):
         seen = warnings[2 * _CONTACT_FULL + 1] + warnings[2 * _ROWS_FULL + 1]
         _find(w)
         full = warnings[2 * _CONTACT_FULL + 1] + warnings[2 * _ROWS_FULL + 1] != seen
         for i in range(len(margins) if full else 0):
             margins[i] *= share
-        if not _narrow(w, share) and not full:
+        if not narrow(contact_ints(w, CONTACT.geom, 2), shape, of_geoms, of_pairs, share) and not full:
             return False
     return True
-
-
-@plain
-def _narrow(w, share):
-    ngeom, npair = size(w, MODEL.ngeom), size(w, MODEL.npair)
-    margins = model_floats(w, MODEL.geom_margin, ngeom), model_floats(w, MODEL.pair_margin, npair)
-    return narrow(contact_ints(w, CONTACT.geom, 2), model_ints(w, MODEL.geom_type, ngeom), *margins, share)
 
 
 @plain

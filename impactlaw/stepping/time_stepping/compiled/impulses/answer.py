@@ -45,25 +45,16 @@ SOLVED = typeof(NO_ANSWER)
 
 
 @kernel
-def _find_kinds(w, rows, number_of, kinds):
-    """Write `constraint_kinds` of the equality constraints to zeros, (g,)."""
-    known = flags(w.bilateral, size(w, MODEL.neq))
-    for g in range(len(rows.key)):
-        if rows.groups[2, g] == BILATERAL:
-            kinds[g] = known[number_of[rows.sparse[2, rows.groups[0, g]]]]
-
-
-@kernel
 def _stiffen(w, rows, tree, collides, bound):
     """Make equality constraints keep their velocity in a collision, unless they drift too fast.
 
     Write which constraints must not drive the collision, bool (g,).
     """
-    n = number(w, DATA.nefc)
-    number_of = data_ints(w, DATA.efc_id, n)
-    kinds = counts(len(rows.key))
-    _find_kinds(w, rows, number_of, kinds)
+    number_of, known = data_ints(w, DATA.efc_id, number(w, DATA.nefc)), flags(w.bilateral, size(w, MODEL.neq))
+    kinds = counts(len(bound))
     for g in range(len(bound)):
+        if rows.groups[2, g] == BILATERAL:
+            kinds[g] = known[number_of[rows.sparse[2, rows.groups[0, g]]]]
         bound[g] = kinds[g] != 0
     hold_constraints(rows, collides, kinds, tree)
 

@@ -127,15 +127,6 @@ def _is_loose(w, before, free, t):
     return change > SETTLED * largest + STILL or not norm(free[first:end]) < np.inf
 
 
-@plain
-def _is_settled(w, before, free):
-    """Return whether an iteration has hardly changed the velocity of any tree of bodies, (nv,) each."""
-    for t in range(size(w, MODEL.ntree)):
-        if _is_loose(w, before, free, t):
-            return False
-    return True
-
-
 @kernel
 def settle(w, start, held, bias, turning, gravity, room):
     """Set qvel to the velocity without contact; mark the trees of bodies that turn too fast for the timestep.
@@ -158,7 +149,9 @@ def settle(w, start, held, bias, turning, gravity, room):
             before[i], mean[i] = free[i], 0.5 * (start[i] + free[i] + held[i])
         forces_at(w, mean, bias)
         lead_to(w, start, bias, free)
-        settled = _is_settled(w, before, free)
+        settled = True
+        for t in range(size(w, MODEL.ntree)):
+            settled = settled and not _is_loose(w, before, free, t)
         if settled:
             break
     if some or not settled:
