@@ -26,6 +26,7 @@ from impactlaw.stepping.compiled.access import (
     data_floats,
     data_ints,
     jacobian_of,
+    layout_of_trees,
     model_floats,
     model_ints,
     number,
@@ -50,7 +51,7 @@ from impactlaw.stepping.compiled.fields import (
     put_int,
 )
 from impactlaw.stepping.compiled.left_out.tied_contacts import leave_tied_out
-from impactlaw.stepping.time_stepping.compiled.impulses.contact_problem import count, count_entries, read
+from impactlaw.stepping.time_stepping.compiled.impulses.contact_problem import count, read
 from impactlaw.stepping.time_stepping.compiled.model_copy import limit_margins, widen_limits
 from impactlaw.stepping.time_stepping.compiled.standing_cylinders import find_standing
 from impactlaw.stepping.time_stepping.compiled.state.room import rows_at, rows_size
@@ -69,6 +70,7 @@ from impactlaw.stepping.time_stepping.end_correction import (
 from impactlaw.stepping.time_stepping.margins import LEAST
 from impactlaw.stepping.time_stepping.problem.detection.nearest_points import add_ends, add_nearest
 from impactlaw.stepping.time_stepping.problem.overlaps import COUNTED, begins_deep, open_overlaps
+from impactlaw.stepping.time_stepping.problem.rows import entries_of
 
 _PYRAMIDAL, _ELLIPTIC = int(mujoco.mjtCone.mjCONE_PYRAMIDAL), int(mujoco.mjtCone.mjCONE_ELLIPTIC)
 _FRICTIONAL = np.bool_(True)
@@ -180,15 +182,6 @@ def _overlap(now):
     return some
 
 
-@plain
-def _find_near(now, depth, near):
-    """Write which of MuJoCo's rows can be closed by opening overlaps."""
-    n = number(now, DATA.nefc)
-    kinds, position = data_ints(now, DATA.efc_type, n), data_floats(now, DATA.efc_pos, n)
-    for r in range(n):
-        near[r] = kinds[r] <= LAST_LOSS or position[r] < BEYOND * depth
-
-
 @kernel
 def _move_apart(now, qpos, metric, rows, depth, slow):
     """Open the overlaps found in other data by changing qpos, (nq,); return whether there are any."""
@@ -196,11 +189,13 @@ def _move_apart(now, qpos, metric, rows, depth, slow):
     if size(now, MODEL.ntendon) > 0:
         mj.tendon(now.model, now.data)
     mj.make_constraint(now.model, now.data)
-    nv, h, near, mark = now.nv, now.timestep, marks(number(now, DATA.nefc)), cleared(size(now, MODEL.ntree))
-    _find_near(now, depth, near)
+    nv, h, n, mark = now.nv, now.timestep, number(now, DATA.nefc), cleared(size(now, MODEL.ntree))
+    kinds, position, near = data_ints(now, DATA.efc_type, n), data_floats(now, DATA.efc_pos, n), marks(n)
+    for r in range(n):  # what opening overlaps can close
+        near[r] = kinds[r] <= LAST_LOSS or position[r] < BEYOND * depth
     jacobian, still = jacobian_of(now, False), zeros(nv)
     leave_tied_out(now, jacobian, near)
-    entries, (groups, many) = count_entries(now, jacobian, mark), count(now, near, _FRICTIONAL)
+    entries, (groups, many) = entries_of(jacobian, layout_of_trees(now), mark), count(now, near, _FRICTIONAL)
     block = numbers(rows_size(groups, many, entries))
     seen = rows_at(address_of(block), groups, many, entries)
     read(now, jacobian, metric, still[:0], still, still, near, _FRICTIONAL, mark, numbers(2 * nv), seen)

@@ -22,7 +22,7 @@ from impactlaw.solvers.cones.algebra.loops import (
     zeros,
 )
 from impactlaw.stepping.compiled import libmujoco as mj
-from impactlaw.stepping.compiled.access import data_floats, jacobian_of, number, size, velocity_of
+from impactlaw.stepping.compiled.access import data_floats, jacobian_of, layout_of_trees, number, size, velocity_of
 from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, float_at, floats, int_at, keep, long_at
 from impactlaw.stepping.integration import STEP_STATE
 from impactlaw.stepping.time_stepping.compiled.end_of_step import (
@@ -35,7 +35,6 @@ from impactlaw.stepping.time_stepping.compiled.end_of_step import (
     write_acceleration,
     write_forces,
 )
-from impactlaw.stepping.time_stepping.compiled.impulses.contact_problem import count_entries
 from impactlaw.stepping.time_stepping.compiled.impulses.working_set import find_impulses
 from impactlaw.stepping.time_stepping.compiled.limits import hide_far_limits, passes_limit
 from impactlaw.stepping.time_stepping.compiled.midpoint import (
@@ -72,6 +71,7 @@ from impactlaw.stepping.time_stepping.compiled.state.surfaces import aim_surface
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World, setting
 from impactlaw.stepping.time_stepping.problem.energy import is_met
 from impactlaw.stepping.time_stepping.problem.gradient_turns import write_turns
+from impactlaw.stepping.time_stepping.problem.rows import entries_of
 from impactlaw.stepping.time_stepping.problem.solution.scaling import RESERVE
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, HUGE, MANY_ROUNDS, SHORTFALL_LIMIT, WIDER_DETECTIONS
 
@@ -201,7 +201,7 @@ def _step(w, law, memory, margins, cone, loaded):
             status = _end(w, start, middle, bias, False)
             break
         jacobian, chosen, seen, mark = jacobian_of(w, False), marks(n), marks(n), cleared(size(w, MODEL.ntree))
-        entries = count_entries(w, jacobian, mark)
+        entries = entries_of(jacobian, layout_of_trees(w), mark)
         block, force = numbers(lay_out(FIRST, n, entries, nv)[1]), numbers(n)
         pairs, gaps = integers(2 * number(w, DATA.ncon)), numbers(number(w, DATA.ncon))
         doubtful = cleared(number(w, DATA.ncon))

@@ -41,7 +41,6 @@ from impactlaw.stepping.time_stepping.problem.rows import (
     KNOWN,
     Source,
     count_groups,
-    entries_of,
     find_near,
     write_rows,
 )
@@ -80,12 +79,6 @@ def count(w, chosen, frictional):
     n, dim = number(w, DATA.nefc), contact_ints(w, CONTACT.dim, 1)[:, 0]
     kinds, number_of = data_ints(w, DATA.efc_type, n), data_ints(w, DATA.efc_id, n)
     return count_groups(kinds, number_of, dim, contact_floats(w, CONTACT.friction, 5), chosen, frictional)
-
-
-@plain
-def count_entries(w, jacobian, mark):
-    """Return the largest number of entries of all rows after whitening; ``mark`` is False for each tree."""
-    return entries_of(jacobian, layout_of_trees(w), mark)
 
 
 @plain
