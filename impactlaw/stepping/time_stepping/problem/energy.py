@@ -53,7 +53,7 @@ def add_work(rows, base, after, x, g, work, total):
 
 
 @plain
-def _work_since(rows, base, after, x):
+def work_since(rows, base, after, x):
     """Return ``Lambda^T (gamma + gamma+) / 2`` of all contacts, for given gamma, and the sum of sizes of its terms."""
     work, total = 0.0, 0.0
     for g in range(rows.groups.shape[1]):
@@ -65,13 +65,7 @@ def _work_since(rows, base, after, x):
 @plain
 def contact_work(rows, after, x):
     """Return ``Lambda^T (gamma- + gamma+) / 2`` of all contacts, J, and the sum of the sizes of its terms."""
-    return _work_since(rows, rows.rates[1], after, x)
-
-
-@plain
-def free_work(rows, after, x):
-    """Return what `contact_work` returns, since the motion without contact."""
-    return _work_since(rows, rows.rates[2], after, x)
+    return work_since(rows, rows.rates[1], after, x)
 
 
 @plain
@@ -84,7 +78,7 @@ def creates(rows, after, x):
     work, total = contact_work(rows, after, x)
     if work <= CREATED * total:
         return False
-    work, total = free_work(rows, after, x)
+    work, total = work_since(rows, rows.rates[2], after, x)
     return work > CREATED * total
 
 

@@ -7,13 +7,13 @@ from impactlaw.solvers.cones.algebra.loops import cleared, indices, integers, ke
 from impactlaw.solvers.cones.rows import impulse_jump
 from impactlaw.stepping.time_stepping.problem.energy import CREATED, add_work, find_islands, row_velocities
 from impactlaw.stepping.time_stepping.problem.phases import some_groups
-from impactlaw.stepping.time_stepping.problem.solution.contact_problem import UNSOLVED, Aims, Solution
+from impactlaw.stepping.time_stepping.problem.solution.contact_problem import UNSOLVED, Aims, Solution, solve_scaled
 from impactlaw.stepping.time_stepping.problem.solution.scaling import (
     RESERVE,
     has_restitution,
     judge,
+    judged,
     scale_down,
-    solve_whole,
 )
 
 
@@ -53,7 +53,7 @@ def _solve_part(rows, aims, keep, dissipative, method, x, reached):
 
 @kernel
 def _solve_parts(rows, aims, dissipative, method, whole, found):
-    """Solve the problem island by island, if `solve_whole` has found that energy is created or bodies jam.
+    """Solve the problem island by island, if all restitution creates energy or bodies jam.
 
     The first result is whether there are several islands; with a single island, this function does nothing.
     """
@@ -98,7 +98,7 @@ def solve_contacts(rows, aims, dissipative, together, method, found):
     With friction there may be no solution if bodies jam. Then s = 0 is tried, which mostly has a solution, and finally
     the problem without friction. The same is done if the impulses found create energy.
     """
-    whole = solve_whole(rows, aims, method, found)
+    whole = judged(rows, found, solve_scaled(rows, aims, 1.0, method, found), method.left)
     if not together and has_restitution(rows.groups, aims) and (whole[2] or _may_gain(rows, found)):
         several, share, created, residual = _solve_parts(rows, aims, dissipative, method, whole, found)
         if several:

@@ -6,7 +6,7 @@ import numpy as np
 
 from impactlaw.solvers.cones import BILATERAL
 from impactlaw.solvers.cones.algebra.loops import clear, copied, kernel, numbers, plain, put
-from impactlaw.stepping.time_stepping.problem.energy import CREATED, contact_work, creates, free_work, row_velocities
+from impactlaw.stepping.time_stepping.problem.energy import CREATED, contact_work, creates, row_velocities, work_since
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import (
     UNSOLVED,
@@ -130,13 +130,16 @@ def _work_of_forces(rows, found):
     The second result is the smaller one of these energies.
     """
     since, _ = contact_work(rows, found.after, found.x)
-    beyond, _ = free_work(rows, found.after, found.x)
+    beyond, _ = work_since(rows, rows.rates[2], found.after, found.x)
     return abs(since - beyond), min(since, beyond)
 
 
 @plain
-def _judged(rows, found, residual, left):
-    """Return the residual of the natural map, whether impulses fail, and whether bodies jam."""
+def judged(rows, found, residual, left):
+    """Return the residual of the natural map, whether impulses fail, and whether bodies jam.
+
+    With friction there may be no solution with restitution if bodies jam.
+    """
     failed = _fails(rows, found, residual)
     return residual, failed, failed or (residual > _JAMMED and left[0] > 0.0)
 
@@ -154,23 +157,14 @@ def has_restitution(groups, aims):
 
 
 @plain
-def solve_whole(rows, aims, method, found):
-    """Solve the problem with all restitution; return the residual, whether impulses fail, and whether bodies jam.
-
-    With friction there may be no solution if bodies jam.
-    """
-    return _judged(rows, found, solve_scaled(rows, aims, 1.0, method, found), method.left)
-
-
-@plain
 def judge(rows, aims, method, found):
-    """Return and write the results of `solve_whole` for a part of its contacts, with given impulses x."""
+    """Return what `judged` does for given impulses x of a part of the contacts, and write the rest of the solution."""
     b = found.room[: len(found.x)]
     put(found.reached, aims.target)
     write_offsets(rows.groups, rows.rates, found.reached, aims.sliding, b)
     residual = improve(rows, with_rounds(method, _NONE), b, _ANY, found.x, found.z)
     row_velocities(rows, found.z, found.after)
-    return _judged(rows, found, residual, method.left)
+    return judged(rows, found, residual, method.left)
 
 
 @plain
@@ -187,8 +181,8 @@ def scale_down(rows, aims, dissipative, reserve, method, whole, found):
         dissipative: whether restitution is scaled so that it creates no energy.
         reserve: part of the work reserved for a problem without restitution.
         method: how problems are solved.
-        whole: the result of `solve_whole`.
-        found: the solution that it has written; overwritten.
+        whole: the result of `judged` for the solution with all restitution.
+        found: that solution; overwritten.
 
     Returns:
         The result of `by_islands.solve_contacts`.
