@@ -70,8 +70,10 @@ class CollisionRecord:
 
         def resolve(acts: np.ndarray) -> tuple[Impact, bool | None]:
             nonlocal solved
-            impact, locked, solved = self._beside(acts, groups, labels)
-            return impact, locked
+            collision = self.seen.collision(groups, self.velocity, labels, friction=True, acts=acts)
+            impact, solved = self._impact(collision, groups)
+            # if the step itself meets the law, constraints are the reason
+            return impact, None if solved else self._is_met(collision, groups)
 
         impact, _ = beside_constraints(self.seen, groups, resolve, gains=self.dissipative)
         if not solved and not self._is_met(impact.collision, groups):
@@ -80,16 +82,6 @@ class CollisionRecord:
             return impact
         alone, found = self._impact(impact.collision, groups, kept=0.0)
         return alone if found else impact
-
-    def _beside(
-        self, acts: np.ndarray, groups: np.ndarray, labels: tuple[str, ...]
-    ) -> tuple[Impact, bool | None, bool]:
-        """Return the impact beside constraints that act, whether they lock it, and whether it meets the law."""
-        collision = self.seen.collision(groups, self.velocity, labels, friction=True, acts=acts)
-        impact, solved = self._impact(collision, groups)
-        if not solved:  # if the step itself meets the law, constraints are the reason
-            return impact, self._is_met(collision, groups), False
-        return impact, None, True
 
     def _is_met(self, collision: Collision, groups: np.ndarray) -> bool:
         """Return whether the step has met the law at the contacts that collide."""
