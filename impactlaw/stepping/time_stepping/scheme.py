@@ -78,12 +78,8 @@ class TimeStepping:
         model: the scene.
         problem: the contact problem, which finds impulses, with the law and the properties of contacts.
         shortfall: largest amount by which a normal contact velocity of the last step misses the law, m/s or rad/s.
-        short_steps: number of steps so far for which one of the following is true. The shortfall is above
-            `SHORTFALL_LIMIT` of the largest contact velocity. Friction was not found: its natural map is above
-            `SHORTFALL_LIMIT` of the largest velocity. MuJoCo had no room for all contacts. Contacts have lost their
-            restitution, because they were hit through others or because bodies jam. Contacts were left out that a
-            collision closes. Bodies have come to overlap by more than `overlaps.COUNTED`, or begin so because the step
-            before has not seen them.
+        short_steps: see `Stepper.short_steps`; further steps are counted for which MuJoCo had no room for all contacts,
+            or in which contacts were left out that a collision closes.
         solved: whether the last step with contact is not among these steps, apart from friction that was not found.
         unlocated: always 0, since no collision is located.
         inertial: Coriolis and gyroscopic forces.
