@@ -154,16 +154,12 @@ def _settle(
             sticks[:] = False
         rows = Rows(*(part[(rows.kind == 0) | sticks[rows.contact]] for part in rows))
         wanted = np.where(rows.kind == 0, -now.gap[rows.contact], 0.0)
-        shift = configuration.jump(rows.jacobian, _closing_impulse(rows.whitened, wanted))
+        z = np.linalg.lstsq(rows.whitened, wanted, rcond=_RANK)[0]
+        p = np.linalg.lstsq(rows.whitened.T, z, rcond=_RANK)[0]  # the smallest one with Y Y^T p = wanted
+        shift = configuration.jump(rows.jacobian, p)
         if configuration.kinetic_norm(shift) > far:
             raise SolverError(f"no small shift closes {np.count_nonzero(active)} contacts; use a smaller timestep")
     return phase_end, table
-
-
-def _closing_impulse(gradients: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Return the smallest p with ``Y Y^T p = c``, (h,), in the sense of least squares."""
-    z = np.linalg.lstsq(gradients, wanted, rcond=_RANK)[0]
-    return np.linalg.lstsq(gradients.T, z, rcond=_RANK)[0]
 
 
 def _matched(table: np.ndarray, before: np.ndarray, phase_end: PhaseEnd) -> np.ndarray:
