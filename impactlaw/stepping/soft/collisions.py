@@ -15,7 +15,6 @@ from impactlaw.laws import Coulomb, Law
 from impactlaw.laws.restitution.on_contacts import Chosen
 from impactlaw.mechanics.friction import Friction
 from impactlaw.mechanics.friction_impact import FrictionImpact
-from impactlaw.mechanics.impact import Impact
 from impactlaw.mechanics.kinetic_metric import KineticMetric
 from impactlaw.scene.contacts import Contacts, active_contacts, closes, first_rows, gap_gradients, geom_names
 from impactlaw.scene.equality_constraints import bilateral_constraints, bilateral_rows
@@ -142,7 +141,9 @@ class Collisions:
         events: list[ImpactEvent] = []
         try:
             velocity = self._collide(self.collider, data, closed, gamma, approach, events)
-            return _Resolved(velocity, events, is_short=any(_has_lost_restitution(event.impact) for event in events))
+            impacts = (event.impact for event in events)
+            lost = any(isinstance(impact, FrictionImpact) and impact.restitution_scale == 0.0 for impact in impacts)
+            return _Resolved(velocity, events, is_short=lost)
         except _UNSOLVED as unsolved:
             if constraints is not None and constraints.drive(events).any():
                 return _Resolved(None, events)
@@ -285,11 +286,6 @@ def _on_bodies(model: mujoco.MjModel, contacts: Contacts) -> Contacts:
     still = (model.body_treeid[model.geom_bodyid[contacts.geoms]] < 0).astype(float)  # limits: the same on both sides
     shift = 0.5 * contacts.gap * (still[:, 0] - still[:, 1])
     return replace(contacts, position=contacts.position + shift[:, None] * contacts.normal)
-
-
-def _has_lost_restitution(impact: Impact) -> bool:
-    """Return whether impulses with friction exist, or were found, only without restitution."""
-    return isinstance(impact, FrictionImpact) and impact.restitution_scale == 0.0
 
 
 def _is_same(law: Law, last: Law) -> bool:

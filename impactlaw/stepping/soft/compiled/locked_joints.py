@@ -16,13 +16,6 @@ _NONE, _EXPLICIT = int(mujoco.mjtDisableBit.mjDSBL_DAMPER), int(mujoco.mjtDisabl
 
 
 @plain
-def _is_implicit(w):
-    """Return whether the integrator advances joint damping implicitly; see `integration.joint_inertia`."""
-    integrator, off = option(w, MODEL.opt_integrator), option(w, MODEL.opt_disableflags)
-    return integrator != _RK4 and not off & _NONE and not (integrator == _EULER and off & _EXPLICIT)
-
-
-@plain
 def _damped(w):
     """Return h, and of each degree of freedom D, M, the entry of ``M^-1``, and 0 if others are coupled to it, (nv,)."""
     h = float_at(w.model + offset(w, MODEL.opt_timestep))
@@ -42,7 +35,9 @@ def locks(w):
     some = False
     for i in range(w.nv):
         some = some or _is_locked(h * damping[i], inertia[i], effect[i], simple[i])
-    return some and _is_implicit(w)
+    integrator, off = option(w, MODEL.opt_integrator), option(w, MODEL.opt_disableflags)
+    implicit = integrator != _RK4 and not off & _NONE and not (integrator == _EULER and off & _EXPLICIT)
+    return some and implicit
 
 
 @plain
