@@ -143,7 +143,11 @@ def first_rows(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
 
 def active_contacts(model: mujoco.MjModel, data: mujoco.MjData, names: tuple[str, ...]) -> Contacts:
     """Return the contacts that are `acted_on`, as found by MuJoCo's position stage."""
-    return _read(data, acted_on(model, data), names)
+    found, index = data.contact, acted_on(model, data)
+    geoms, _, swapped = sorted_geoms(found.geom[index])  # their order is that of `index`
+    normal = found.frame[index, :3]
+    normal[swapped] *= -1.0
+    return Contacts(contact_labels(geoms, names), geoms, found.dist[index], found.pos[index], normal)
 
 
 def closes(model: mujoco.MjModel, data: mujoco.MjData, rows: np.ndarray, speed: float) -> bool:
@@ -211,15 +215,6 @@ def sorted_geoms(geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 def contact_labels(geoms: np.ndarray, names: Sequence[str]) -> tuple[str, ...]:
     """Return ``"first/second"`` for each pair of geom ids."""
     return tuple(f"{names[a]}/{names[b]}" for a, b in geoms)
-
-
-def _read(data: mujoco.MjData, index: np.ndarray, names: tuple[str, ...]) -> Contacts:
-    found = data.contact
-    geoms, order, swapped = sorted_geoms(found.geom[index])
-    index = index[order]
-    normal = found.frame[index, :3]
-    normal[swapped] *= -1.0
-    return Contacts(contact_labels(geoms, names), geoms, found.dist[index], found.pos[index], normal)
 
 
 def make_rows(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray | None:
