@@ -7,15 +7,13 @@ from typing import Any
 import numpy as np
 
 from impactlaw.compiled import compiled
-from impactlaw.solvers.cones import BILATERAL, CONE
+from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import indices, kernel, numbers, plain, zeros
 from impactlaw.solvers.cones.rows import impulse_jump, islands
 from impactlaw.stepping.time_stepping import tolerances
 
 CREATED = 1e-9  # part of the sum of the sizes of contact energies up to which created energy is rounding
 _ROUNDING = 1e-14  # rounding, as a part of a sum of energies
-_CANCEL = 2e-6  # impulses cancel if their joint energy is below this part of the sum of their separate energies
-_DRIFTS = 0.25  # least part of the energy of all impulses that comes from the drift of constraints
 
 
 is_met: Any = plain(tolerances.is_met)
@@ -83,22 +81,14 @@ def creates(rows, after, x):
 
 
 @plain
-def is_held(rows, g):
-    """Return whether a group is an equality that keeps its velocity in a collision, see `hold_constraints`."""
-    return rows.groups[2, g] == BILATERAL and rows.rates[4, rows.groups[0, g]] < rows.amounts[1, g]
-
-
-@plain
 def _add_sums(rows, after, reached, x, label, sums):
-    """Add the sums that `_shares` needs, for each island, (9, islands)."""
-    sparse, value, groups, rates = rows.sparse, rows.value, rows.groups, rows.rates
+    """Add the sums that `_shares` needs, for each island, (6, islands)."""
+    groups, rates = rows.groups, rows.rates
     for g in range(groups.shape[1]):
         if label[g] < 0:
             continue
         island, row = label[g], groups[0, g]
         cone = groups[2, g] == CONE
-        if is_held(rows, g):
-            sums[8, island] = 1.0
         if cone:
             sums[4, island] = max(sums[4, island], reached[g] - after[row])
         for k in range(row, row + groups[1, g]):
@@ -106,9 +96,6 @@ def _add_sums(rows, after, reached, x, label, sums):
             sums[0, island] += impulse * rates[2, k]
             sums[1, island] += 0.5 * impulse * (after[k] - rates[2, k])
             sums[2, island] += abs(impulse) * (abs(rates[2, k]) + abs(after[k]))
-            sums[6, island] += 0.5 * impulse * (rates[1, k] + after[k])
-            for a in range(sparse[1, k], sparse[1, k] + sparse[0, k]):
-                sums[7, island] += 0.5 * (x[k] * value[a]) ** 2
             if cone:
                 sums[3, island] += 0.5 * impulse * (rates[1, k] + after[k])
                 sums[5, island] = max(sums[5, island], abs(rates[1, k]), abs(rates[2, k]))
@@ -119,18 +106,15 @@ def _shares(sums, unsolved, share):
     """Write the share of the impulses of each island, at most 1, with which it gains nothing on its free motion.
 
     The share s of x changes its kinetic energy by ``s x^T J v_free + s^2 x^T (J v+ - J v_free) / 2``. An island that
-    meets the law keeps all its impulses, with two exceptions. The first is an unsolved problem in which contact adds
-    energy. The second is a collision against held constraints that leave contacts almost no motion: impulses then
-    nearly cancel each other, and the small drift of the constraints does their work. Constraints that are not held may
-    do such work, as when a mocap body pulls against a stop. Return whether some share is less than 1.
+    meets the law keeps all its impulses, except in an unsolved problem in which contact adds energy. Return whether
+    some share is less than 1.
     """
     some = False
     for i in range(len(share)):
-        linear, square, total, work, missed, fastest, since, apart, held = sums[:, i]
+        linear, square, total, work, missed, fastest = sums[:, i]
         share[i] = 1.0
         gains = linear + square > CREATED * square + _ROUNDING * total  # impulses that cancel each other can be huge
-        drifts = held != 0.0 and square < _CANCEL * apart and min(linear + square, since) > _DRIFTS * square
-        if gains and (drifts or not is_met(missed, fastest) or (unsolved and work > CREATED * total)):
+        if gains and (not is_met(missed, fastest) or (unsolved and work > CREATED * total)):
             share[i] = max(0.0, -linear / square) if square > 0.0 else 0.0
             some = True
     return some
@@ -176,7 +160,7 @@ def lose_energy(rows, reached, tree, unsolved, x, z, after):
     groups, many = rows.groups, rows.groups.shape[1]
     label = indices(many)
     count = find_islands(rows, tree, label)
-    sums, share = zeros(9 * count).reshape((9, count)), numbers(count)
+    sums, share = zeros(6 * count).reshape((6, count)), numbers(count)
     _add_sums(rows, after, reached, x, label, sums)
     if not _shares(sums, unsolved, share):
         return

@@ -11,7 +11,7 @@ from impactlaw.compiled import compiled
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import FLOATS, Array, counts, numbers, plain
 from impactlaw.stepping.compiled.whitening import INERTIA, unwhitened
-from impactlaw.stepping.time_stepping.problem.energy import CREATED, contact_work, is_held, is_met, lose_energy
+from impactlaw.stepping.time_stepping.problem.energy import CREATED, contact_work, is_met, lose_energy
 from impactlaw.stepping.time_stepping.problem.overlaps import move_apart, overlap_targets
 from impactlaw.stepping.time_stepping.problem.rows import KNOWN, ROWS
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import (
@@ -52,15 +52,6 @@ _RESOLVED = types.NamedTuple([*[FLOATS] * 4, *[types.float64] * 7, FLOATS, FLOAT
 
 
 @plain
-def _some_held(rows):
-    """Return whether an equality constraint keeps its velocity in a collision."""
-    some = False
-    for g in range(rows.groups.shape[1]):
-        some = some or is_held(rows, g)
-    return some
-
-
-@plain
 def _resolve(
     rows, aims, bound, known, timestep, dissipative, together, method, inertia, change, shift, found, turned, room
 ):
@@ -73,7 +64,7 @@ def _resolve(
     )
     missed, fastest = shortfall(rows, found.after, found.reached)
     solved = residual <= UNSOLVED
-    if _some_held(rows) or not solved or not is_met(missed, fastest):
+    if not solved or not is_met(missed, fastest):
         lose_energy(rows, found.reached, method.tree, dissipative and not solved, found.x, found.z, found.after)
         missed, fastest = shortfall(rows, found.after, found.reached)
     for i in range(nv):
