@@ -128,7 +128,7 @@ def _created(problem, done, z, residual):
         total += work
     if not residual <= ENOUGH:
         return _NONE
-    return 2.0 * total / speed**2 - CREATED - 4.0 * residual / speed if speed > 0.0 else 0.0
+    return 2.0 * total / speed**2 - CREATED - 4.0 * residual if speed > 0.0 else 0.0
 
 
 @kernel
