@@ -76,7 +76,8 @@ class ContactState(NamedTuple):
     ) -> ContactState:
         """Return the same contacts with the current velocities."""
         motion = _motion(self.contact_set, self.closed, self.still)[:4]
-        if self._may_jump(active):  # and forces may jump with the points
+        opened = active is not None and np.count_nonzero(active & ~self.closed) > 0  # nothing would hold it down
+        if opened or self._may_jump(active):  # and forces may jump with the points
             force = None
         return ContactState(*self[:5], *motion, False, active, contact_forces, force)
 

@@ -25,7 +25,7 @@ from impactlaw.stepping.event_driven.location.gap_functions import GapFunctions
 from impactlaw.stepping.event_driven.location.search import locate
 from impactlaw.stepping.event_driven.location.travel import Frames, Travel
 from impactlaw.stepping.event_driven.location.trial_step import TrialStep
-from impactlaw.stepping.event_driven.matching import Matched, continued, match, refound, runs_on
+from impactlaw.stepping.event_driven.matching import Matched, continued, kept_on_faces, match, refound, runs_on
 from impactlaw.stepping.event_driven.persistent_contact.frictionless import hold
 from impactlaw.stepping.event_driven.persistent_contact.position import DetectAgain
 from impactlaw.stepping.event_driven.persistent_contact.predicted_force import PredictedForce
@@ -313,16 +313,16 @@ class SmoothPhases:
 
         If the same pairs of geoms are near as before, with one contact each, the contacts are the same.
         """
-        known, pattern = phase_end.known, phase_end.now.pattern
-        held = known[phase_end.sustained]
+        before, held = Matched(phase_end.now, phase_end.known), phase_end.known[phase_end.sustained]
 
         def detect_again(within: float) -> Matched:
-            nonlocal known, pattern
-            now = self.look(within)
+            nonlocal before
+            now, known = self.look(within), before.known
             self.work.look(len(now.gap))
-            if now.pattern is not pattern or not pattern.distinct:
+            if now.pattern is not before.now.pattern or not now.pattern.distinct:
                 known = refound(match(now.contact_set, phase), held, now.contact_set, phase)
-            pattern = now.pattern
-            return Matched(now, known)
+                known = kept_on_faces(Matched(now, known), before, held)
+            before = Matched(now, known)
+            return before
 
         return detect_again

@@ -36,6 +36,7 @@ from impactlaw.stepping.event_driven.persistent_contact.predicted_force import (
 from impactlaw.stepping.work import Work
 
 _SETTLINGS = 4  # largest number of shifts of position
+_SOLUTIONS = 3  # largest number of solutions, if contacts that pushed are not found again in the corrected position
 _STICKING = 2  # number of shifts in which sticking contacts do not slide, as long as the shifts close the contacts
 _STICKS = 0.999  # part of the friction cone within which a contact sticks
 _RANK = 1e-9  # relative singular value below which contacts are redundant
@@ -57,6 +58,9 @@ def hold_with_friction(
 ) -> tuple[PhaseEnd, Callable[[], PhaseEnd]]:
     """Bring the position back to the sustained contacts; this moves the scene.
 
+    If contacts that pushed are not found again in the corrected position, as on faces with many corners, impulses are
+    solved for again without them: velocities will lack them, too, and the position must follow the velocity.
+
     Returns:
         The contacts after the correction, and a function that also brings back the velocity and returns the contacts
         with it. Until then they have the velocity from the impulses at the end of the phase, which is enough for a
@@ -65,23 +69,42 @@ def hold_with_friction(
     configuration = phase_end.now.configuration
     felt = PredictedForce.of(configuration, phase.start.force, phase.duration)
     free = constrained_velocity(phase_end.now, phase) - felt.velocity
-    impulses = _solve(phase_end, phase, free, None)
-    table, change = impulses.table, configuration.jump(impulses.rows.jacobian, impulses.each)
-    shift = (moving_part(configuration) * phase.duration) * change - felt.shift
-    if np.count_nonzero(shift):
-        reach = phase_end.now.contact_set.opening(shift + felt.shift)
+    table, change, moved = np.zeros((0, _KINDS)), np.zeros_like(free), -felt.shift
+    for _ in range(_SOLUTIONS):
+        impulses = _solve(phase_end, phase, free, table)
+        table, change = impulses.table, configuration.jump(impulses.rows.jacobian, impulses.each)
+        pushing, shift = np.count_nonzero(table[:, 0] > 0), (moving_part(configuration) * phase.duration) * change
+        reach = phase_end.now.contact_set.opening(shift)
         far = phase.duration * (configuration.kinetic_norm(free) + configuration.kinetic_norm(change))
-        phase_end, table = _settle(phase_end, shift, table, phase, detect_again, reach, far)
-    phase_end = _with_more(phase_end, phase)
-    if np.count_nonzero(phase_end.sustained & (phase_end.now.gap < -CORRECTED * phase.tolerance)):
-        before = phase_end.known
-        phase_end = hold_position(phase_end, phase, detect_again, np.zeros_like(shift))
-        phase_end = _with_more(phase_end, phase)
-        table = _matched(table, before, phase_end)
+        phase_end, table = _close(phase_end, shift + moved, table, phase, detect_again, reach, far)
+        if np.count_nonzero(table[:, 0] > 0) >= pushing:
+            break
+        moved = -shift
     now, velocity = phase_end.now, free + change
     configuration.data.qvel[:] = velocity
     tried = phase_end._replace(now=now._replace(contact_velocity=now.contact_set.contact_velocity(velocity)))
     return tried, partial(_hold_velocity, phase_end, phase, felt, free, table, configuration.added)
+
+
+def _close(
+    phase_end: PhaseEnd,
+    shift: np.ndarray,
+    table: np.ndarray,
+    phase: Phase,
+    detect_again: DetectAgain,
+    reach: float,
+    far: float,
+) -> tuple[PhaseEnd, np.ndarray]:
+    """Shift the bodies, and then open overlaps; arguments and result are those of `_settle`."""
+    if np.count_nonzero(shift):
+        phase_end, table = _settle(phase_end, shift, table, phase, detect_again, reach, far)
+    phase_end = _with_more(phase_end, phase)
+    if np.count_nonzero(phase_end.sustained & (phase_end.now.gap < -CORRECTED * phase.tolerance)):
+        before = phase_end
+        phase_end = hold_position(phase_end, phase, detect_again, np.zeros_like(shift))
+        phase_end = _with_more(phase_end, phase)
+        table = _matched(table, before, phase_end)
+    return phase_end, table
 
 
 def _hold_velocity(
@@ -142,7 +165,7 @@ def _settle(
     configuration, held = phase_end.now.configuration, phase_end.known[phase_end.sustained]
     for settling in range(_SETTLINGS):
         configuration.shift(shift)
-        before, (now, known) = phase_end.known, detect_again(max(reach, phase_end.now.contact_set.opening(shift)))
+        before, (now, known) = phase_end, detect_again(max(reach, phase_end.now.contact_set.opening(shift)))
         phase_end = PhaseEnd(now, known, among(known, held))
         table = _matched(table, before, phase_end)
         active = table[:, 0] > 0
@@ -162,33 +185,34 @@ def _settle(
     return phase_end, table
 
 
-def _matched(table: np.ndarray, before: np.ndarray, phase_end: PhaseEnd) -> np.ndarray:
-    """Return impulses, (h, 6), in the order of other contacts; both orders are given by indices at the phase's start.
+def _matched(table: np.ndarray, before: PhaseEnd, phase_end: PhaseEnd) -> np.ndarray:
+    """Return impulses, (h, 6), of contacts found before, in the order of those found now.
 
-    If several contacts on common faces continue the same one, as both rims of a foil may, the one with the smallest gap
-    gets its impulse.
+    If several contacts on common faces continue the same one, an impulse goes to the nearest of them.
     """
-    now, known, _ = phase_end
-    if np.array_equal(before, known):
+    if np.array_equal(before.known, phase_end.known):
         return table
-    same = (known[:, None] == before) & (known[:, None] >= 0)
-    order = np.argsort(now.gap, kind="stable")
-    least = order[np.unique(known[order], return_index=True)[1]]
-    found = same.any(axis=1) & (~now.pattern.vague | np.isin(np.arange(len(known)), least))
-    result = np.zeros((len(known), _KINDS))
-    result[found] = table[same[found].argmax(axis=1)]
+    result, now = np.zeros((len(phase_end.known), _KINDS)), phase_end.now.contacts.position
+    for impulse, index, place in zip(table, before.known, before.now.contacts.position, strict=True):
+        same = np.flatnonzero(phase_end.known == index) if index >= 0 else []
+        if len(same):
+            result[same[np.linalg.norm(now[same] - place, axis=1).argmin()]] += impulse
     return result
 
 
-def _solve(phase_end: PhaseEnd, phase: Phase, free: np.ndarray, guess: np.ndarray | None) -> _Impulses:
-    """Return the impulses of the sustained contacts, given a velocity without them, (nv,), and a guess, (h, 6)."""
+def _solve(phase_end: PhaseEnd, phase: Phase, free: np.ndarray, guess: np.ndarray) -> _Impulses:
+    """Return the impulses of the sustained contacts, given a velocity without them, (nv,).
+
+    The guess is of these contacts, (h, 6), or empty. What pushes there is held even if it is not quite closed.
+    """
     now, known, before = phase_end.now, phase_end.known, phase.start.contact_forces
-    held = now.closed
+    guessed = len(guess) == len(now.gap)
+    held = now.closed | (guess[:, 0] > 0) if guessed else now.closed
     if phase.start.force is not None and before is not None:  # the force may have opened a contact of its own
         held = held | ((known >= 0) & (before.force[known, 0] > 0))
     rows = now.contact_set.rows.select(phase_end.sustained & held)
     first = None
-    if guess is not None and len(guess) == len(now.gap):
+    if guessed:
         first = guess[rows.contact, rows.kind]
     elif before is not None:
         index = known[rows.contact]
