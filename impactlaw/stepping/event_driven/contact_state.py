@@ -76,18 +76,24 @@ class ContactState(NamedTuple):
     ) -> ContactState:
         """Return the same contacts with the current velocities."""
         motion = _motion(self.contact_set, self.closed, self.still)[:4]
-        opened = active is not None and np.count_nonzero(active & ~self.closed) > 0  # nothing would hold it down
-        if opened or self._may_jump(active):  # and forces may jump with the points
+        if force is not None and active is not None and not self._lasts(active):
             force = None
         return ContactState(*self[:5], *motion, False, active, contact_forces, force)
 
-    def _may_jump(self, active: np.ndarray | None) -> bool:
+    def _lasts(self, active: np.ndarray) -> bool:
+        """Return whether the next phase may feel the force of these contacts: they are closed, and stay where they are.
+
+        The force of one that has opened would throw the bodies, since that contact is not held to the end of the phase.
+        """
+        return not np.count_nonzero(active & ~self.closed) and not self._may_jump(active)
+
+    def _may_jump(self, active: np.ndarray) -> bool:
         """Return whether points of held contacts may jump: on height fields, and on the flat end of a cylinder.
 
         A single point on a rim runs along it instead, as do both ends of the line on which a cylinder lies. Corners of
         meshes move with them.
         """
-        vague = self.pattern.vague if active is None else self.pattern.vague & active
+        vague = self.pattern.vague & active
         if not np.count_nonzero(vague):
             return False
         if np.count_nonzero(vague & ~self.pattern.rolling):

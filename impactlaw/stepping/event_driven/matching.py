@@ -104,6 +104,8 @@ def kept_on_faces(found: Matched, before: Matched, held: np.ndarray) -> np.ndarr
     the same faces did, if that is a held contact.
     """
     (now, known), last = found, before.now
+    if not np.count_nonzero(now.pattern.vague):
+        return known
     known = known.copy()
     for one in np.flatnonzero(now.pattern.vague & ~among(known, held)):
         same = np.flatnonzero(last.pattern.key == now.pattern.key[one])
