@@ -21,6 +21,12 @@ A body that has stopped slightly above the floor falls on at exactly this speed,
 its corners collide.
 """
 
+_STILL = 1e-9
+"""Closing speed, m/s or rad/s, up to which a persistent contact does not turn: it is rounding.
+
+Rounded targets contradict each other where contacts are redundant, and shift impulses among these.
+"""
+
 _OPEN = 0.1
 """Gap above which a persistent contact is open, relative to the way in a timestep at the speed of the gradient's turn.
 
@@ -68,7 +74,7 @@ def aim(groups, key, amounts, rates, timestep, restitution, slowest, resolved, m
         turn = gamma - rates[5, groups[0, g]]
         most = resolved if is_length(groups, key, g) else min(resolved, RESOLVED)
         smooth = abs(turn - rates[6, groups[0, g]]) <= -SMOOTH * turn  # and turn < 0; not where some are NaN
-        if smooth and -most < gamma < 0.0 and gap <= -_OPEN * timestep * turn:
+        if smooth and -most < gamma < -_STILL and gap <= -_OPEN * timestep * turn:
             target[g] = max(min(-0.5 * turn, -gamma), -restitution * gamma) - max(gap, 0.0) / timestep
             continue
         threshold = max(slowest, min(_ROUNDED * (gamma - led), most))

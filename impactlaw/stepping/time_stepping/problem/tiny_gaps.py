@@ -10,6 +10,7 @@ from impactlaw.solvers.cones.algebra.loops import clear, plain
 
 TOUCHING = 1e-6
 """Gap, m or rad, up to which bodies at rest touch; contact points in piles jump by more from step to step."""
+ROUNDED = 1e-6  # part of it up to which a gap is due to rounding, and closed whether its bodies are at rest or not
 _RESTING = 1e-2
 """Kinetic energy up to which bodies are at rest, relative to the energy that forces add to rest within a step."""
 
@@ -49,6 +50,9 @@ def close_tiny_gaps(rows, before, free, inertia, tree, touching, now, added):
     known = False
     for g in range(len(rows.key)):
         if rows.groups[2, g] != CONE or not 0.0 < rows.amounts[0, g] <= touching:
+            continue
+        if rows.amounts[0, g] <= ROUNDED * touching:
+            rows.amounts[0, g] = 0.0
             continue
         if not known:
             _write_energies(before, free, inertia, tree, now, added)

@@ -2,6 +2,7 @@
 
 import mujoco
 import numpy as np
+from scenes import compiled
 
 from impactlaw import Moreau, Stepper
 
@@ -33,3 +34,27 @@ def test_friction_of_four_wheels_on_lines_is_found():
             stepper.step(data)
         short += stepper.short_steps
     assert short <= 15
+
+
+def test_symmetric_cars_load_both_sides_alike():
+    """Regression: rounded gaps and speeds shifted up to 11 N from wheel to wheel in 1 s, until one wheel spun."""
+    torque, r, axles, wheel, body, height = 2.0, 0.1, 0.3, 0.4, 4.0, 0.15
+    ball, mass = 0.4 * wheel * r**2, body + 4 * wheel
+    wheels = "".join(
+        f'<body pos="{x} {y} 0"><joint axis="0 1 0"/><geom size="{r}" mass="{wheel}"/></body>'
+        for x in (axles, -axles)
+        for y in (0.2, -0.2)
+    )
+    car = f'<inertial pos="0 0 {height}" mass="{body}" diaginertia=".05 .1 .1"/>{wheels}'
+    world = f'<geom type="plane" size="9 9 1"/><body pos="0 0 {r}"><freejoint/>{car}</body>'
+    model, data = compiled(world, option='timestep="0.001" cone="elliptic"', geom='friction="0.6"')
+    stepper = Stepper(model, Moreau(0.0), scheme="time-stepping")
+    data.qfrc_applied[-2:] = torque / 2
+    for _ in range(1000):
+        stepper.step(data)
+    a = torque / r / (mass + 4 * ball / r**2)
+    shift = ((body * (r + height) + 4 * wheel * r) * a + 4 * ball * a / r) / (4 * axles)
+    loads = [data.efc_force[contact.efc_address] for contact in data.contact]
+    front, rear = mass * 9.81 / 4 - shift, mass * 9.81 / 4 + shift
+    np.testing.assert_allclose(loads, [front, front, rear, rear], atol=1e-3)
+    np.testing.assert_allclose(data.qvel, [a, *[0.0] * 5, *[a / r] * 4], atol=1e-9)
