@@ -38,6 +38,7 @@ _MAPS = np.array([ALART_CURNIER, ALART_CURNIER, DE_SAXCE, DE_SAXCE, DE_SAXCE, AL
 _MOST = np.array([15, 25, 25, 25, 25, 25, 25])  # Newton steps of each
 _GENTLE = 30.0  # regularization per relative natural map of Newton's method after interior points
 _EASES = np.array([0.01, _FIRM, _GENTLE, _GENTLE, _GENTLE, 0.0, 1.0])  # regularization per relative natural map
+_CONTENT = 2  # attempt from which a point that is nearly a solution ends them
 _HOPEFUL = 1e-2  # relative natural map up to which a solution is likely to exist
 _AFTER, _LONG = np.int64(25), np.int64(75)  # Newton steps after each round, in an island of one block and of many
 _PATIENCE, _ENDLESS = np.int64(8), np.int64(1000)  # patience of Newton's method
@@ -220,7 +221,7 @@ def _go_on(
         if r < least:
             least = r
             put(x, point)
-        if least <= (_NEAR * tolerance if P.exact else tolerance) or left[0] <= 0.0:
+        if least <= (_NEAR * tolerance if P.exact and k >= _CONTENT else tolerance) or left[0] <= 0.0:
             return total, least, True
     if left[0] == np.inf or (len(K.width) > 1 and len(G) == 0) or least <= _HOPEFUL * scale:
         return total, least, False
