@@ -1,1 +1,1 @@
-"""Contacts that take no part in a step."""
+"""Contacts that take no part in a step, and the equality constraints that keep them from it."""

@@ -11,24 +11,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impactlaw.mechanics.tolerances import FIXED
-from impactlaw.scene.tolerances import GIVEN_WAY, OWN_CONSTRAINT, WRITTEN
-from impactlaw.solvers.cones.algebra.loops import clear, dot, integers, kernel, norm, numbers, once, plain, put
-from impactlaw.solvers.tolerances import RANK
-from impactlaw.stepping.compiled.access import data_floats, data_ints, inertia_of, model_ints, number, offset
-from impactlaw.stepping.compiled.fields import DATA, MODEL, float_at
+from impactlaw.solvers.cones.algebra.loops import clear, integers, kernel, numbers, once, plain
+from impactlaw.stepping.compiled.access import data_floats, data_ints, inertia_of, model_ints, number
+from impactlaw.stepping.compiled.fields import DATA, MODEL
 from impactlaw.stepping.compiled.islands import tree_of
+from impactlaw.stepping.compiled.left_out.constraint_basis import least_length, orthonormal
 from impactlaw.stepping.compiled.left_out.tied_contacts import leave_out, parts_of_longest, write_lengths
 from impactlaw.stepping.soft.compiled.contacts.rows import Rows
 
 Array = np.ndarray[Any, Any]
-
-_CLEAR = 1.65 * OWN_CONSTRAINT
-"""Volume spanned by unit rows, over the root of their number, above which no singular value is below `OWN_CONSTRAINT`.
-
-The volume is the product of the singular values; without the smallest one the product is at most sqrt(e) = 1.65.
-"""
-_ORTHOGONAL = 1e-15  # cosine between two rows up to which it is rounding
-_SWEEPS = 30  # sweeps allowed to Jacobi's method, which needs ten at most
 
 
 class Gradients(NamedTuple):
@@ -78,74 +69,7 @@ def _rank(w, bilateral, calm, jacobian, part):
             given = max(given, abs(gaps[r]))
         else:
             part[r] = 0.0
-    size_of_bodies = float_at(w.model + offset(w, MODEL.stat_meansize))
-    return min(max(GIVEN_WAY * given / size_of_bodies, WRITTEN), OWN_CONSTRAINT)
-
-
-@plain
-def _scale(row, length):
-    for i in range(len(row)):
-        row[i] /= length
-
-
-@plain
-def _turn(one, other, cosine, sine):
-    for k in range(len(one)):
-        a, b = one[k], other[k]
-        one[k], other[k] = cosine * a - sine * b, sine * a + cosine * b
-
-
-@plain
-def _orthogonalize(basis, many, nv):
-    """Rotate pairs of rows until all are orthogonal: singular vectors, whose lengths are the singular values.
-
-    This is the one-sided Jacobi method of Hestenes (1958).
-    """
-    for _ in range(_SWEEPS):
-        turned = False
-        for p in range(many):
-            for q in range(p + 1, many):
-                i, j = p * nv, q * nv
-                a, b = dot(basis, i, basis, i, nv), dot(basis, j, basis, j, nv)
-                c = dot(basis, i, basis, j, nv)
-                if abs(c) > _ORTHOGONAL * np.sqrt(a * b):
-                    turned, half = True, 0.5 * (b - a) / c
-                    t = np.copysign(1.0, half) / (abs(half) + np.sqrt(1.0 + half * half))
-                    cosine = 1.0 / np.sqrt(1.0 + t * t)
-                    _turn(basis[i : i + nv], basis[j : j + nv], cosine, t * cosine)
-        if not turned:
-            return
-
-
-@plain
-def _keep_long(basis, many, nv, rank):
-    """Move rows that are not short relative to the longest to the front, normalized, and return their number."""
-    longest, count = 0.0, 0
-    for r in range(many):
-        longest = max(longest, dot(basis, r * nv, basis, r * nv, nv))
-    for r in range(many):
-        length = np.sqrt(dot(basis, r * nv, basis, r * nv, nv))
-        if length > rank * np.sqrt(longest):
-            put(basis[count * nv : count * nv + nv], basis[r * nv : r * nv + nv])
-            _scale(basis[count * nv : count * nv + nv], length)
-            count += 1
-    return count
-
-
-@plain
-def _singular_vectors(w, part, rank, jacobian, root, basis):
-    """Do what `span` does by singular values, without directions that exist only by a violation of constraints."""
-    many, nv, inertia = 0, w.nv, inertia_of(w)
-    for r in range(number(w, DATA.ne)):
-        if part[r] > rank:
-            row = basis[many * nv : many * nv + nv]
-            whitened_row(jacobian, r, inertia, root, row)
-            length = norm(row)
-            if length > 0.0:
-                _scale(row, length)
-                many += 1
-    _orthogonalize(basis, many, nv)
-    return _keep_long(basis, many, nv, rank)
+    return least_length(w, given)
 
 
 @kernel
@@ -163,23 +87,14 @@ def span(w, bilateral, calm, jacobian, root, basis):
         root: ``D^-1/2``, (nv,).
         basis: written, with space for one row more than there are constraint rows, ((ne + 1) nv,).
     """
-    count, nv, volume, many = 0, w.nv, 1.0, number(w, DATA.ne)
-    inertia, part = inertia_of(w), numbers(many)
+    many, nv, count = number(w, DATA.ne), w.nv, 0
+    inertia, part, rows = inertia_of(w), numbers(many), numbers(many * nv)
     rank = _rank(w, bilateral, calm, jacobian, part)
     for r in range(many):
-        if part[r] <= rank:
-            continue
-        at = count * nv
-        row = basis[at : at + nv]
-        whitened_row(jacobian, r, inertia, root, row)
-        left = leave_out(basis, count, nv, basis, at)
-        if left <= RANK:
-            continue
-        _scale(row, norm(row))
-        count, volume = count + 1, volume * left
-        if volume < _CLEAR * np.sqrt(many):
-            return _singular_vectors(w, part, rank, jacobian, root, basis)
-    return count
+        if part[r] > rank:
+            whitened_row(jacobian, r, inertia, root, rows[count * nv : count * nv + nv])
+            count += 1
+    return orthonormal(rows, count, nv, rank, basis)
 
 
 @plain
