@@ -17,6 +17,7 @@ from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.left_out.hidden_edges import support
 from impactlaw.stepping.compiled.whitening import Inertia
 from impactlaw.stepping.time_stepping.free_motion import update_frames
+from impactlaw.stepping.time_stepping.problem.detection.far_contacts import jump_speed
 from impactlaw.stepping.time_stepping.problem.detection.nearest_points import find_nearest
 from impactlaw.stepping.time_stepping.problem.overlaps import COUNTED, begins_deep, open_overlaps
 from impactlaw.stepping.time_stepping.problem.reader import RowReader, read_rows
@@ -35,7 +36,7 @@ BEYOND = 4.0
 """Range, as a multiple of the depth, within which opening some contacts can close others."""
 CLOSE = 1e-5
 """Least range of this search, m: within less, MuJoCo finds hulls that just touch centimeters deep in each other."""
-_FIELD, _SPHERE, _SDF = (int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("HFIELD", "SPHERE", "SDF"))
+_SDF = int(mujoco.mjtGeom.mjGEOM_SDF)
 ROUNDS = 3
 """Largest number of corrections in a step: where a contact jumps, one does not open all of an overlap."""
 LITTLE = 0.5
@@ -56,16 +57,6 @@ def _acceleration(i, motion):
     v = plus(velocity[i, 3:], 1.0, cross(spin, arm))
     moved = plus(plus(moved, 1.0, cross(turned, arm)), 1.0, cross(spin, v))
     return length(moved) + (length(turned) + dot(spin, spin)) * size[i]
-
-
-@plain
-def _jump(one, other, shapes, sizes, velocity):
-    """Return how fast a contact gets deeper by jumping to another point of the smaller of two bodies, m/s."""
-    if shapes[0] == _SPHERE or shapes[1] == _SPHERE:
-        return 0.0
-    endless = shapes[0] == PLANE or shapes[1] == PLANE or shapes[0] == _FIELD or shapes[1] == _FIELD
-    arm = max(sizes) if endless else min(sizes)
-    return 2.0 * arm * length(minus(row(velocity, one), row(velocity, other)))
 
 
 @plain
@@ -151,7 +142,7 @@ def bend(contacts, rows, geometry, motion, mocap, surface_speed, at, timestep, a
             continue
         a, b = body_of_geom[one], body_of_geom[other]
         turn = 0.125 * timestep**2 * (_acceleration(a, motion) + _acceleration(b, motion))
-        turn += 0.5 * timestep * (along + _jump(a, b, (shape[one], shape[other]), (size[a], size[b]), velocity))
+        turn += 0.5 * timestep * (along + jump_speed(a, b, (shape[one], shape[other]), (size[a], size[b]), velocity))
         bends = turn > _SEEN and falls < turn
         measured = bends or (surface_speed > 0.0 and (mocap[root[a]] >= 0 or mocap[root[b]] >= 0))
         if gap == -np.inf and not old and measured and shape[one] != _SDF and shape[other] != _SDF:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import mujoco
 import numpy as np
 
@@ -11,6 +13,7 @@ from impactlaw.stepping.compiled.whitening import Inertia
 from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
 from impactlaw.stepping.time_stepping.margins import narrow, outruns, write_margins, write_sizes
 from impactlaw.stepping.time_stepping.problem.detection.contact_points import mend
+from impactlaw.stepping.time_stepping.problem.detection.far_contacts import leave_far_out, some_close, take_back
 from impactlaw.stepping.time_stepping.problem.detection.nearest_points import find_nearest
 from impactlaw.stepping.time_stepping.problem.forces import without_far_limits
 from impactlaw.stepping.time_stepping.standing_cylinders import find_standing
@@ -41,8 +44,13 @@ def update_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     mujoco.mj_makeM(model, data)
 
 
-def reach(model: mujoco.MjModel, data: mujoco.MjData, gained: np.ndarray, sizes: np.ndarray, surface: float) -> None:
-    """Set margins such that MuJoCo finds the contacts that bodies can reach in this step."""
+def reach(
+    model: mujoco.MjModel, data: mujoco.MjData, gained: np.ndarray, sizes: np.ndarray, surface: float
+) -> np.ndarray:
+    """Set margins such that MuJoCo finds the contacts that bodies can reach in this step.
+
+    Return the velocities of bodies at its start; those to which forces lead are in data, (nbody, 6).
+    """
     geoms = model.geom_type, model.geom_bodyid, model.geom_pos, model.geom_rbound
     for_python(write_sizes)(sizes, *geoms, model.body_ipos)
     velocity, now = data.qvel.copy(), data.cvel.copy()
@@ -50,6 +58,7 @@ def reach(model: mujoco.MjModel, data: mujoco.MjData, gained: np.ndarray, sizes:
     mujoco.mj_comVel(model, data)
     data.qvel[:] = velocity
     _set_margins(model, data, now, data.cvel, sizes, surface)
+    return now
 
 
 def _set_margins(
@@ -72,8 +81,15 @@ def _places(model: mujoco.MjModel, data: mujoco.MjData, sizes: np.ndarray) -> tu
 def outrun(model: mujoco.MjModel, data: mujoco.MjData, sizes: np.ndarray) -> bool:
     """Return whether a collision throws a body farther in a timestep than contacts were looked for."""
     mujoco.mj_comVel(model, data)
-    places, room = _places(model, data, sizes), np.empty((2, model.nbody))
-    return bool(for_python(outruns)(model.geom_margin, *places, data.cvel, model.opt.timestep, room))
+    places, room, moves = _places(model, data, sizes), np.empty((2, model.nbody)), (data.cvel, model.opt.timestep)
+    left_out = data.ncon > 0 and for_python(some_close)(*_far_contacts(model, data, sizes), *moves)
+    return bool(left_out or for_python(outruns)(model.geom_margin, *places, *moves, room))
+
+
+def _far_contacts(model: mujoco.MjModel, data: mujoco.MjData, sizes: np.ndarray) -> tuple[Any, ...]:
+    """Return the first arguments of `far_contacts.leave_far_out`."""
+    found, bodies = data.contact, (model.geom_bodyid, model.body_rootid, sizes, data.subtree_com)
+    return (found.dist, found.pos, found.geom, found.exclude, found.efc_address), bodies, model.geom_type
 
 
 def detect_farther(
@@ -103,21 +119,26 @@ def detect_farther(
 
 
 def to_midpoint(
-    model: mujoco.MjModel, data: mujoco.MjData, surfaces: Surfaces | None, options: TemporaryOptions
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    surfaces: Surfaces | None,
+    options: TemporaryOptions,
+    now: np.ndarray,
+    sizes: np.ndarray,
 ) -> tuple[np.ndarray, bool]:
     """Move bodies to the middle of the step, and compute all forces except those of contact there.
 
-    Return the configuration, (nq,), and whether MuJoCo had no room for all contacts.
+    ``now`` is the result of `reach`. Return the configuration, (nq,), and whether MuJoCo had no room for all contacts.
     """
     h = model.opt.timestep
     if surfaces is not None:
-        now = data.time
-        data.time = now + 0.5 * h
+        time = data.time
+        data.time = time + 0.5 * h
         surfaces.place(data)
-        data.time = now
+        data.time = time
     mujoco.mj_integratePos(model, data.qpos, data.qvel, 0.5 * h)
     middle = data.qpos.copy()
-    overflown = _find_contacts(model, data, options, surfaces)
+    overflown = _find_contacts(model, data, options, surfaces, (now, sizes))
     if model.nsensordata:
         data.flg_subtreevel = data.flg_rnepost = False  # otherwise MuJoCo would reuse results of the last step
         data.flg_energypos = data.flg_energyvel = False
@@ -134,9 +155,16 @@ def to_midpoint(
 
 
 def _find_contacts(
-    model: mujoco.MjModel, data: mujoco.MjData, options: TemporaryOptions, surfaces: Surfaces | None
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    options: TemporaryOptions,
+    surfaces: Surfaces | None,
+    motion: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> bool:
-    """Compute everything that depends on positions, with smaller margins if MuJoCo has no room for all contacts."""
+    """Compute everything that depends on positions, with smaller margins if MuJoCo has no room for all contacts.
+
+    Contacts that are too far away get no rows, if the ``motion`` is given: velocities and sizes of bodies.
+    """
     mended = full = cut = False
     for share in (*SHARES, 1.0):
         seen = data.warning.number[_FULL].sum()
@@ -149,26 +177,48 @@ def _find_contacts(
         cut = data.ncon > 0 and bool(for_python(narrow)(*pairs, share))
         if not full and not cut:
             break
-    _mend_contacts(model, data, options, mended=mended)
+    mended |= _mend_contacts(model, data, options)
+    own = options.sticks or model.nflex > 0  # then MuJoCo reads rows, or has contacts of its own
+    if data.ncon and motion is not None and not own:
+        speed, gravity = 0.0 if surfaces is None else surfaces.speed, model.opt.gravity
+        moves = motion[0], data.cvel, speed, model.opt.timestep, float(np.sqrt(gravity.dot(gravity)))
+        mended |= bool(for_python(leave_far_out)(*_far_contacts(model, data, motion[1]), *moves))
+    if mended:
+        _make_rows(model, data)
     return full or cut
 
 
-def _mend_contacts(model: mujoco.MjModel, data: mujoco.MjData, options: TemporaryOptions, *, mended: bool) -> None:
-    """Correct contacts; see `problem.detection.contact_points`.
+def _make_rows(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    mujoco.mj_makeConstraint(model, data)
+    if model.opt.enableflags & EXACT:
+        mujoco.mj_projectConstraint(model, data)
 
-    Rows of constraints are made again if anything changes, or contacts were mended before.
-    """
-    if data.ncon and find_nearest(model, data, beside=options.beside):
-        mended = True
+
+def take_far_back(
+    model: mujoco.MjModel, data: mujoco.MjData, start: np.ndarray, middle: np.ndarray, sizes: np.ndarray
+) -> None:
+    """Make rows of contacts that were left out if forces can close one, with data as it is without contact."""
+    if not data.ncon or not data.contact.exclude.any():
+        return
+    free = data.qvel.copy()
+    mujoco.mj_comVel(model, data)
+    taken = for_python(take_back)(*_far_contacts(model, data, sizes), data.cvel, model.opt.timestep)
+    data.qvel[:] = start
+    mujoco.mj_comVel(model, data)
+    if taken:
+        data.qpos[:] = middle
+        _make_rows(model, data)
+        mujoco.mj_referenceConstraint(model, data)
+    data.qvel[:] = free
+
+
+def _mend_contacts(model: mujoco.MjModel, data: mujoco.MjData, options: TemporaryOptions) -> bool:
+    """Correct contacts; return whether any has changed. See `problem.detection.contact_points`."""
+    nearer = data.ncon > 0 and find_nearest(model, data, beside=options.beside)
     found, bodies = data.contact, (model.geom_bodyid, model.body_weldid, model.body_treeid)
     shapes, at = (model.geom_type, model.geom_size, data.geom_xpos, data.geom_xmat), (model._address, data._address)
     contacts = found.dist, found.pos, found.frame, found.geom
-    if data.ncon and for_python(mend)(contacts, found.dim, bodies, shapes, at):
-        mended = True
-    if mended:
-        mujoco.mj_makeConstraint(model, data)
-        if model.opt.enableflags & EXACT:
-            mujoco.mj_projectConstraint(model, data)
+    return bool(data.ncon > 0 and for_python(mend)(contacts, found.dim, bodies, shapes, at)) or nearer
 
 
 def free_step(

@@ -20,8 +20,6 @@ _FEW = 48
 """Number of geoms of a tree of bodies below which finding some in vain costs less than the choice of margins."""
 _SLOW = 0.015
 """Reach of a body, as a part of its size, up to which its margin alone covers it."""
-_SPARE = 2.0
-"""Ratio of the margins of two bodies to what is enough if they do not collide: less needs more detections."""
 _PLANE, _FIELD = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD)
 
 
@@ -154,10 +152,10 @@ def write_margins(
 ):  # fmt: skip
     """Write margins of bodies, geoms, pairs, joints and tendons, m or rad, for one step.
 
-    MuJoCo adds up the margins of two geoms. For bodies that are near each other, the sum is `_SPARE` times `SLACK`
-    times the distance by which they can approach each other in the step, but not more than what both move by. Which of
-    the two has that margin is chosen such that few geoms meet: the fingers of a hand that swings move together, and
-    would find each other from as far as they move if the margin for the floor were theirs. Slow bodies, and those of
+    MuJoCo adds up the margins of two geoms. For bodies that are near each other, the sum is `SLACK` times the distance
+    by which they can approach each other in the step, but not more than what both move by. Which of the two has that
+    margin is chosen such that few geoms meet: the fingers of a hand that swings move together, and would find each
+    other from as far as they move if the margin for the floor were theirs. Slow bodies, and those of
     mechanisms of a few geoms, have the margin for all of their motion: finding some contacts in vain costs less than
     that choice. Limits of joints and tendons are always found; those that are far are left out by `reader.read_rows`.
 
@@ -235,8 +233,8 @@ def _way(i, j, bodies, motion):
 
 @plain
 def _sum_of_margins(i, j, alone, bodies, motion):
-    """Return the sum of the margins that two bodies need, for `_SPARE` times the way by which they approach."""
-    return min(_SPARE * _way(i, j, bodies, motion), alone[i] + alone[j])
+    """Return the sum of the margins that two bodies need."""
+    return min(_way(i, j, bodies, motion), alone[i] + alone[j])
 
 
 @plain

@@ -49,6 +49,7 @@ from impactlaw.stepping.time_stepping.free_motion import (
     limit_energy,
     outrun,
     reach,
+    take_far_back,
     to_midpoint,
     update_frames,
     update_inertia,
@@ -233,16 +234,17 @@ class TimeStepping:
         if self._surfaces is not None:
             self._surfaces.begin(data, h)
         self._meet = 0.0 if self._surfaces is None else self._surfaces.speed
-        reach(model, data, self._gained, self._sizes, self._meet)
+        now = reach(model, data, self._gained, self._sizes, self._meet)
         self._velocity, start = data.qvel.copy(), data.qpos.copy()
-        self._middle, self._overflown = to_midpoint(model, data, self._surfaces, self._options)
+        self._middle, self._overflown = to_midpoint(model, data, self._surfaces, self._options, now, self._sizes)
         self._metric = free_step(model, data, self._options, self.inertial, self._velocity, self._held)
         self._gained, self._held = data.qvel - self._velocity, np.zeros(model.nv)
+        take_far_back(model, data, self._velocity, self._middle, self._sizes)
         shift, met = None, True
         if data.nefc:
             shift, met = self._contact(data, start if same else None)
         else:
-            self._known, self.solved = None, self.solved and not self._overflown
+            self._known, self.solved, data.ncon = None, self.solved and not self._overflown, 0
             self.short_steps += self._overflown
             data.qacc[:] = (data.qvel - self._velocity) / h
         data.qpos[:] = self._middle
@@ -285,7 +287,8 @@ class TimeStepping:
             outcome, farther = working_set.find(data, outcome.known), farther + 1
         found, self._rows = outcome.impulses, outcome.rows
         self._collisions = found.collisions if found else ()
-        self._contacts = data.contact.geom.copy(), data.contact.dist.copy()
+        gaps = np.where(data.contact.efc_address >= 0, data.contact.dist, np.inf)
+        self._contacts = data.contact.geom.copy(), gaps
         data.qpos[:] = self._middle  # the integrator has changed it: limits are counted at the midpoint
         impulses = (outcome.rows, found.answer.impulse) if found else None
         write_forces(self.model, data, self._velocity, self._options.cone, impulses)

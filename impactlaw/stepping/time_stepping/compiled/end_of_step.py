@@ -213,10 +213,11 @@ def _move_apart(now, qpos, metric, rows, depth, slow):
 
 @plain
 def copy_contacts(w, pairs, gaps):
-    """Copy the geoms of contacts, two for each, (2 ncon,), and their gaps, (ncon,)."""
+    """Copy the geoms of contacts, two for each, (2 ncon,), and their gaps, (ncon,), infinite for those without rows."""
     geoms, dist = contact_ints(w, CONTACT.geom, 2), contact_floats(w, CONTACT.dist, 1)
+    address = contact_ints(w, CONTACT.efc_address, 1)
     for i in range(len(geoms)):
-        pairs[2 * i], pairs[2 * i + 1], gaps[i] = geoms[i, 0], geoms[i, 1], dist[i, 0]
+        pairs[2 * i], pairs[2 * i + 1], gaps[i] = geoms[i, 0], geoms[i, 1], dist[i, 0] if address[i, 0] >= 0 else np.inf
 
 
 @plain

@@ -47,6 +47,12 @@ from impactlaw.stepping.time_stepping.compiled.state.surfaces import (
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.margins import ALWAYS, narrow, outruns, write_arms, write_margins, write_sizes
 from impactlaw.stepping.time_stepping.problem.detection.contact_points import mend
+from impactlaw.stepping.time_stepping.problem.detection.far_contacts import (
+    leave_far_out,
+    some_are_out,
+    some_close,
+    take_back,
+)
 from impactlaw.stepping.time_stepping.temporary_options import EXACT
 from impactlaw.stepping.time_stepping.tolerances import SHARES
 
@@ -64,7 +70,7 @@ def to_middle(w, counts, left, frames, gained, held, start, middle, bias, turnin
     _set_margins(w, gained, work)
     narrow_limits(w, gained)
     put(start, velocity_of(w))
-    full = _to_midpoint(w, start, margins, middle)
+    full = _to_midpoint(w, start, margins, middle, work)
     _free_step(w, start, held, bias, turning, gravity, gained, work)
     if w.surfaces != 0:
         speeds_of_middle(w)
@@ -165,7 +171,27 @@ def outrun(w, work):
     """
     nbody, (bodies, shapes) = size(w, MODEL.nbody), _places(w)
     margin, room = model_floats(w, MODEL.geom_margin, size(w, MODEL.ngeom)), floats(address_of(work), (2, nbody))
-    return outruns(margin, bodies, shapes, data_floats(w, DATA.cvel, (nbody, 6)), w.timestep, room)
+    velocity, (contacts, of, shape) = data_floats(w, DATA.cvel, (nbody, 6)), _far_contacts(w)
+    left_out = some_close(contacts, of, shape, velocity, w.timestep)
+    return left_out or outruns(margin, bodies, shapes, velocity, w.timestep, room)
+
+
+@plain
+def _far_contacts(w):
+    """Return the first arguments of `far_contacts.leave_far_out`."""
+    n, (dist, pos, _, geom), kind = size(w, MODEL.nbody), contacts_of(w), shapes_of(w)[0]
+    left_out, address = contact_ints(w, CONTACT.exclude, 1)[:, 0], contact_ints(w, CONTACT.efc_address, 1)[:, 0]
+    contacts = dist, pos, geom, left_out, address
+    root, center = model_ints(w, MODEL.body_rootid, n), data_floats(w, DATA.subtree_com, (n, 3))
+    return contacts, (model_ints(w, MODEL.geom_bodyid, len(kind)), root, floats(w.sizes, n), center), kind
+
+
+@plain
+def _leave_far_out(w, now):
+    """Do what `far_contacts.leave_far_out` does."""
+    nbody, (contacts, bodies, shape) = size(w, MODEL.nbody), _far_contacts(w)
+    led_to, gravity = data_floats(w, DATA.cvel, (nbody, 6)), floats(w.model + offset(w, MODEL.opt_gravity), 3)
+    leave_far_out(contacts, bodies, shape, now, led_to, surface_speed(w), w.timestep, norm(gravity))
 
 
 @plain
@@ -181,10 +207,30 @@ def detect_farther(w, start, free, middle, margins, work):
     mj.com_vel(w.model, w.data)
     _write_margins(w, data_floats(w, DATA.cvel, (nbody, 6)), led_to, work[6 * nbody :])
     np.maximum(margins, before, margins)
-    full = _find_contacts(w, margins)
+    full = _find_contacts(w, margins, led_to[:0])
     mj.fwd_velocity(w.model, w.data)
     put(qvel, free)
     return full
+
+
+@plain
+def take_far_back(w, start):
+    """Take contacts back that were left out if forces can close one; return whether rows must be made again.
+
+    The velocity of data is that without contact, ``start``, (nv,), that at the start of the step.
+    """
+    contacts, bodies, shape = _far_contacts(w)
+    if not some_are_out(contacts[3]):
+        return False
+    nbody, qvel = size(w, MODEL.nbody), velocity_of(w)
+    mj.com_vel(w.model, w.data)
+    taken = take_back(contacts, bodies, shape, data_floats(w, DATA.cvel, (nbody, 6)), w.timestep)
+    for i in range(w.nv):
+        qvel[i], start[i] = start[i], qvel[i]
+    mj.com_vel(w.model, w.data)
+    for i in range(w.nv):
+        qvel[i], start[i] = start[i], qvel[i]
+    return taken
 
 
 @plain
@@ -206,17 +252,17 @@ def detect_limits(w, start, free, middle):
 
 
 @plain
-def _to_midpoint(w, start, margins, middle):
+def _to_midpoint(w, start, margins, middle, work):
     """Move bodies to the middle of the step, and compute all forces except those of contact there.
 
-    Return whether MuJoCo had no room for all contacts.
+    ``work`` begins with velocities of bodies, see `_set_margins`. Return whether MuJoCo had no room for all contacts.
     """
     if w.surfaces != 0:
         place_surfaces(w)
     qpos, sensors = data_floats(w, DATA.qpos, size(w, MODEL.nq)), size(w, MODEL.nsensordata) > 0
     mj.integrate_pos(w.model, address_of(qpos), address_of(start), 0.5 * w.timestep)
     put(middle, qpos)
-    full = _find_contacts(w, margins)
+    full = _find_contacts(w, margins, floats(address_of(work), (size(w, MODEL.nbody), 6)))
     if sensors:
         # otherwise MuJoCo would reuse results of the last step
         for field in (DATA.flg_subtreevel, DATA.flg_rnepost, DATA.flg_energypos, DATA.flg_energyvel):
@@ -235,13 +281,13 @@ def _to_midpoint(w, start, margins, middle):
 
 
 @plain
-def _find_contacts(w, margins):
+def _find_contacts(w, margins, now):
     warnings = ints(w.data + offset(w, DATA.warning), 2 * (max(_CONTACT_FULL, _ROWS_FULL) + 1))
     ngeom, of_pairs = size(w, MODEL.ngeom), model_floats(w, MODEL.pair_margin, size(w, MODEL.npair))
     shape, of_geoms = model_ints(w, MODEL.geom_type, ngeom), model_floats(w, MODEL.geom_margin, ngeom)
     for share in (*SHARES, 1.0):
         seen = warnings[2 * _CONTACT_FULL + 1] + warnings[2 * _ROWS_FULL + 1]
-        _find(w)
+        _find(w, now)
         full = warnings[2 * _CONTACT_FULL + 1] + warnings[2 * _ROWS_FULL + 1] != seen
         for i in range(len(margins) if full else 0):
             margins[i] *= share
@@ -251,8 +297,11 @@ def _find_contacts(w, margins):
 
 
 @plain
-def _find(w):
+def _find(w, now):
     """Compute everything that depends on positions; rows of constraints are made after contacts have been mended.
+
+    Contacts that are too far away to close at velocities of bodies, ``now`` or those of data, get no rows, unless
+    ``now`` is empty.
 
     Flexes keep results in the memory that a second detection frees, and the transmission of adhesion reads rows: there,
     rows are made twice.
@@ -264,7 +313,10 @@ def _find(w):
     mj.fwd_position(w.model, w.data)
     put_int(at, flags)
     mended = find_standing(w, twice)
-    if _mend_contacts(w) or mended or not twice:
+    mended = _mend_contacts(w) or mended
+    if not twice and len(now) > 0:
+        _leave_far_out(w, now)
+    if mended or not twice:
         _make_rows(w)
 
 

@@ -22,8 +22,26 @@ from impactlaw.solvers.cones.algebra.loops import (
     zeros,
 )
 from impactlaw.stepping.compiled import libmujoco as mj
-from impactlaw.stepping.compiled.access import data_floats, jacobian_of, layout_of_trees, number, size, velocity_of
-from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, float_at, floats, int_at, keep, long_at
+from impactlaw.stepping.compiled.access import (
+    data_floats,
+    jacobian_of,
+    layout_of_trees,
+    number,
+    offset,
+    size,
+    velocity_of,
+)
+from impactlaw.stepping.compiled.fields import (
+    DATA,
+    MODEL,
+    address_of,
+    float_at,
+    floats,
+    int_at,
+    keep,
+    long_at,
+    put_int,
+)
 from impactlaw.stepping.integration import STEP_STATE
 from impactlaw.stepping.time_stepping.compiled.end_of_step import (
     begins_overlapping,
@@ -42,6 +60,7 @@ from impactlaw.stepping.time_stepping.compiled.midpoint import (
     detect_limits,
     find_sizes,
     outrun,
+    take_far_back,
     to_middle,
 )
 from impactlaw.stepping.time_stepping.compiled.model_copy import copy_model, is_damped
@@ -188,10 +207,11 @@ def _step(w, law, memory, margins, cone, loaded):
     narrow = True
     while status == FARTHER:
         n = number(w, DATA.nefc)
-        if narrow and passes_limit(w, middle, 2.0 * w.timestep, free, False):
+        if narrow and (take_far_back(w, start) or passes_limit(w, middle, 2.0 * w.timestep, free, False)):
             full, narrow = detect_limits(w, start, free, middle) or full, False
             continue
         if n == 0:
+            put_int(w.data + offset(w, DATA.ncon), np.int32(0))
             forget(counts)
             clear(held)
             if full:
