@@ -8,6 +8,7 @@ import numpy as np
 from impactlaw.scene.contacts import constraint_rows
 from impactlaw.scene.tolerances import GIVEN_WAY, OWN_CONSTRAINT, WRITTEN
 from impactlaw.solvers.least_squares import row_span
+from impactlaw.solvers.sparsity import components
 
 _CONNECT, _WELD = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
 _SITE = int(mujoco.mjtObj.mjOBJ_SITE)
@@ -148,6 +149,24 @@ def stiffness(model: mujoco.MjModel, data: mujoco.MjData, kept: np.ndarray) -> n
         return None
     J = constraint_rows(model, data, rows)
     return J.T @ (data.efc_D[rows, None] * J)
+
+
+def closing_beside(constraints: np.ndarray, gradients: np.ndarray, closing: np.ndarray, tree: np.ndarray) -> np.ndarray:
+    """Return the largest closing speed of the contacts next to each equality constraint, m/s or rad/s, (m,).
+
+    A contact is next to a constraint if both move the same tree of bodies, or trees that further ones connect.
+
+    Args:
+        constraints: gradients of the constraints, (m, nv).
+        gradients: gap gradients of the contacts, (k, nv).
+        closing: closing speeds of the contacts, 0 or more, m/s or rad/s, (k,).
+        tree: the tree of each degree of freedom, ``model.dof_treeid``, (nv,).
+    """
+    moved = (np.concatenate([constraints, gradients]) != 0.0) @ (tree[:, None] == np.unique(tree))
+    fastest = np.concatenate([np.zeros(len(constraints)), closing])
+    for group in components(moved @ moved.T):
+        fastest[group] = fastest[group].max()
+    return fastest[: len(constraints)]
 
 
 def least_free(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:

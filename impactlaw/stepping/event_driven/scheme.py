@@ -35,9 +35,9 @@ from impactlaw.errors import DivergenceError, OverlapError, SolverError, Unfinis
 from impactlaw.laws import Law
 from impactlaw.mechanics.kinetic_metric import KineticMetric
 from impactlaw.scene.contacts import update_positions
-from impactlaw.scene.equality_constraints import CALM, are_tied, least_free, lengths
+from impactlaw.scene.equality_constraints import CALM, are_tied, closing_beside, least_free, lengths
 from impactlaw.solvers.one_thread import one_thread
-from impactlaw.stepping.collisions import Collider, kinetic_metric
+from impactlaw.stepping.collisions import Closed, Collider, kinetic_metric
 from impactlaw.stepping.compatibility import OVERRIDE, check_override, check_resolved, check_rigid
 from impactlaw.stepping.event_driven.contact_state import ContactState
 from impactlaw.stepping.event_driven.last_step import LastStep
@@ -308,8 +308,8 @@ class RigidStepping:
         """Resolve the collisions at this time."""
         data, before = self._configuration.data, len(events)
         closed, metric = start.contact_set.closed(start.closed.nonzero()[0]), self._metric_now()
-        self._check_calm(start)
         rounding = start.rounding_by(metric, closed)
+        self._check_calm(start, closed, rounding)
         data.qvel[:] = self._collider.collide(
             metric,
             closed,
@@ -334,13 +334,16 @@ class RigidStepping:
             if impact.energy_change > 0.5 * _GAINED * impact.intensity**2:
                 raise UnfinishedStepError("equality constraints drive bodies into each other")
 
-    def _check_calm(self, start: ContactState) -> None:
+    def _check_calm(self, start: ContactState, closed: Closed, rounding: np.ndarray) -> None:
         """Raise `UnfinishedStepError` if constraints drift too fast next to a collision: they are giving way."""
-        constraints, gamma = start.contact_set.bilateral, start.contact_velocity
-        if constraints is not None and self._rest is not None:
-            fastest = -gamma[start.closed].min(initial=0.0)
-            if np.abs(constraints @ start.velocity).max(initial=0.0) > CALM * fastest:
-                raise UnfinishedStepError("equality constraints give way; smaller timesteps may hold them")
+        constraints = closed.bilateral
+        if constraints is None or self._rest is None:
+            return
+        closing = -start.contact_velocity[start.closed]
+        colliding = np.where(closing > rounding, closing, 0.0)
+        fastest = closing_beside(constraints, closed.jacobian, colliding, self._model.dof_treeid)
+        if ((fastest > 0.0) & (np.abs(constraints @ start.velocity) > CALM * fastest)).any():
+            raise UnfinishedStepError("equality constraints give way; smaller timesteps may hold them")
 
     def _check_ended(self, data: mujoco.MjData, new: list[ImpactEvent], count: int) -> None:
         """Raise `UnfinishedStepError` if E = 0 after max_events collisions has taken more energy than rounding."""

@@ -294,3 +294,25 @@ def test_a_stepper_is_pickled_after_a_step_that_time_stepping_finished():
     assert len(copied.events) == len(stepper.events) > 0
     for own, other in zip(stepper.events, copied.events, strict=True):
         np.testing.assert_array_equal(own.impact.post_velocity, other.impact.post_velocity)
+
+
+def test_constraints_that_drift_elsewhere_leave_collisions_located():
+    """Regression: a coupling that gives way anywhere in the scene let a bouncing ball be time stepped."""
+    arms = "".join(
+        f'''<body pos="3 {i} 2"><joint name="{name}" axis="0 1 0"/>
+        <geom type="capsule" fromto="0 0 0 {length} 0 0" size=".03" contype="0" conaffinity="0"/></body>'''
+        for i, (name, length) in enumerate({"short": 0.3, "long": 0.5}.items())
+    )
+    coupling = '<equality><joint joint1="short" joint2="long" solref=".2 1"/></equality>'
+    ball = '<body pos="0 0 1.1"><freejoint/><geom size=".1" mass="1" condim="1"/></body>'
+    times = []
+    for scene in (f"{FLOOR}{ball}</worldbody>", f"{FLOOR}{ball}{arms}</worldbody>{coupling}"):
+        model = mujoco.MjModel.from_xml_string(f"<mujoco><option integrator='RK4'/><worldbody>{scene}</mujoco>")
+        data, stepper, seen = mujoco.MjData(model), Stepper(model, Moreau(0.5)), []
+        while data.time < 1.4:
+            stepper.step(data)
+            seen += [event.time for event in stepper.events]
+        assert stepper.unlocated == 0
+        times.append(seen)
+    assert times[1] == pytest.approx(times[0], abs=1e-9)
+    assert len(times[0]) == 15
