@@ -39,8 +39,8 @@ def put_law(
     ``placed = put_law(suite.load("hopper", "hop"), "moreau", 0.5)``. The environment itself is changed. The handle
     holds the collisions of the last environment step (``events``) and the numbers of `ImpactLaw`'s info (``info()``);
     it can remove the law (``remove()``) and end the recording (``close()``). If the simulation diverges, dm_control
-    raises its `PhysicsError`, as without the law. A copy of the environment, or of its physics, has the law too, but
-    does not record; `placed_law` returns its handle.
+    raises its `PhysicsError`, as without the law. A copy of the environment, or of its physics, has the law too, and
+    continues bit for bit as the original, but does not record; `placed_law` returns its handle.
 
     The arguments and errors are those of `ImpactLaw`. A log also has actions and rewards of steps that are taken
     through this environment, or through a wrapper that steps it.

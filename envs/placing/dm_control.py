@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 from typing import Any
 
 import mujoco
@@ -13,6 +14,7 @@ from impactlaw.envs.law_options import LawOptions
 from impactlaw.envs.logs.episode_log import EpisodeLog
 from impactlaw.envs.placing.placed_law import PlacedLaw
 from impactlaw.errors import DivergenceError, WrapperError
+from impactlaw.stepping.stepper import Stepper
 from impactlaw.stepping.time_stepping.problem.forces import forward_keeping_contacts
 
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
@@ -40,12 +42,17 @@ class OnPhysics(PlacedLaw):
     def _copy(self, share_model: bool = False) -> Any:
         """Replace `Physics.copy`: return a copy with the law."""
         physics = self._target
-        return _with_law(physics.__class__.copy(physics, share_model=share_model), *self.options)
+        stepper = self._stepper_for(physics.model.ptr)
+        return _with_law(physics.__class__.copy(physics, share_model=share_model), *self.options, stepper)
+
+    def go_on(self, stepper: Stepper) -> None:
+        """Continue as the stepper of a physics of which this one is a copy."""
+        self._stepper = copy.deepcopy(stepper, {id(stepper.model): self.simulation()[0]})
 
     def _reduce(self, _protocol: int) -> tuple[Any, ...]:
         """Replace `Physics.__reduce_ex__`: `copy` and `pickle` make copies with the law."""
         physics = self._target
-        return _remade, (physics.__class__, physics.data, *self.options)
+        return _remade, (physics.__class__, physics.data, *self.options, self._stepper_for(physics.model.ptr))
 
     def simulation(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
         """Return the present model and data."""
@@ -148,12 +155,15 @@ _COPYING = ("copy", "__reduce_ex__")
 """Methods replaced on an instance besides `step`, so that copies have the law."""
 
 
-def _remade(kind: type[Physics], data: Any, standing: LawOptions, in_force: LawOptions) -> Any:
+def _remade(kind: type[Physics], data: Any, *law: Any) -> Any:
     physics = kind.__new__(kind)
     physics.__setstate__(data)
-    return _with_law(physics, standing, in_force)
+    return _with_law(physics, *law)
 
 
-def _with_law(physics: Any, standing: LawOptions, in_force: LawOptions) -> Any:
-    OnPhysics(physics, standing, None).use(in_force)
+def _with_law(physics: Any, standing: LawOptions, in_force: LawOptions, stepper: Stepper) -> Any:
+    """Put the law into a copy of a physics; it continues from what the stepper of that remembers of its last step."""
+    law = OnPhysics(physics, standing, None)
+    law.use(in_force)
+    law.go_on(stepper)
     return physics
