@@ -22,21 +22,24 @@ pytestmark = theirs
 @pytest.mark.parametrize("legacy_step", [True, False])
 @pytest.mark.parametrize("task", SUITE, ids="-".join)
 def test_a_law_that_changes_nothing_in_bare_dm_control(task, legacy_step):
-    envs = [suite.load(*task, task_kwargs={"random": 3}, environment_kwargs={"legacy_step": legacy_step}) for _ in "ab"]
+    short, how = {"random": 3, "time_limit": 4.0}, {"legacy_step": legacy_step}
+    envs = [suite.load(*task, task_kwargs=short, environment_kwargs=how) for _ in "ab"]
     nv = envs[0].physics.model.nv
     placed = put_law(envs[0], LinearMap(np.eye(nv)), on_inadmissible="allow")
     spec, rng = envs[0].action_spec(), np.random.default_rng(0)
-    collisions = 0
-    for _ in range(1001):  # an episode, and the reset after it
+    collisions, kinds = 0, []
+    for _ in range(round(4.0 / envs[0].control_timestep()) + 2):  # a reset, an episode, and the reset after it
         action = rng.uniform(spec.minimum, spec.maximum)
         got, wanted = (env.step(action) for env in envs)
         assert got.step_type == wanted.step_type
+        kinds.append(got.step_type)
         assert (got.reward, got.discount) == (wanted.reward, wanted.discount)
         np.testing.assert_array_equal(flat(got), flat(wanted))
         for field in ("qpos", "qvel", "act", "sensordata", "xpos", "cvel", "qacc_warmstart", "time"):
             a, b = (getattr(env.physics.data, field) for env in envs)
             np.testing.assert_array_equal(a, b, err_msg=field)
         collisions += placed.info()["impact/count"]
+    assert kinds[-2:] == [dm_env.StepType.LAST, dm_env.StepType.FIRST]
     assert collisions > 0 or task[0] == "ball_in_cup"
     assert_plain(split_info(placed.info())[1])
 

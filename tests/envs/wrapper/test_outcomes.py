@@ -31,18 +31,18 @@ pytestmark = theirs
 
 @pytest.mark.parametrize("name", [*V5, "Ant-v4", *SUITE], ids=str)
 def test_a_law_that_changes_nothing(name):
-    """Whole episodes are equal, bit for bit."""
+    """An episode and the beginning of another one are equal, bit for bit."""
     bare, env = make_any(name), make_any(name)
     env = ImpactLaw(env, **identity(env))
     collisions = steps = 0
     bare.action_space.seed(1)
-    for seed in range(2):
+    for seed, last in enumerate((1000, 1100)):
         (observation, info), (reference, bare_info) = env.reset(seed=seed), bare.reset(seed=seed)
         assert_equal(observation, reference)
         assert_equal(split_info(info)[0], bare_info)
         assert split_info(info)[1] == NOTHING_HAPPENED
         over = False
-        while not over and steps < 1000 * (seed + 1):
+        while not over and steps < last:
             action = bare.action_space.sample()
             got, wanted = env.step(action), bare.step(action)
             for a, b in zip(got[:4], wanted[:4], strict=True):
@@ -61,12 +61,12 @@ def test_a_law_that_changes_nothing(name):
 
 @pytest.mark.parametrize("e", [0.0, 0.5, 0.9])
 @pytest.mark.parametrize("name", [*V5, *SUITE], ids=str)
-def test_a_thousand_random_steps(name, e):
-    env = ImpactLaw(make_any(name), "moreau", e, on_inadmissible="allow")
-    env.action_space.seed(2)
-    env.reset(seed=2)
+def test_random_steps(name, e):
+    env, seed = ImpactLaw(make_any(name), "moreau", e, on_inadmissible="allow"), round(10 * e)
+    env.action_space.seed(seed)
+    env.reset(seed=seed)
     collisions = 0
-    for _ in range(1000):
+    for _ in range(400):
         observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
         values = observation.values() if isinstance(observation, dict) else [observation]
         assert all(np.isfinite(value).all() for value in values)
