@@ -3,8 +3,6 @@
 import copy
 import pickle
 import re
-import subprocess
-import sys
 
 import gymnasium
 import numpy as np
@@ -56,18 +54,6 @@ def test_the_environments_are_these():
         "NewtonsCradle-v0",
         "RockingBlock-v0",
     ]
-
-
-@pytest.mark.parametrize(
-    "code",
-    [
-        "import sys, impactlaw; assert 'gymnasium' not in sys.modules",
-        "import gymnasium; gymnasium.make('impactlaw.envs:impactlaw/NewtonsCradle-v0').reset(seed=0)",
-    ],
-    ids=["the core does not import gymnasium", "make imports the module"],
-)
-def test_import(code):
-    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 @every_env

@@ -25,7 +25,7 @@ def test_log(name, tmp_path):
     short = name.removeprefix("impactlaw/")
     law, restitution = LAWS[short][0]
     path = tmp_path / "run.rrd"
-    env = gymnasium.make(name, law=law, restitution=restitution, log=str(path))
+    env = gymnasium.make(name, law=law, restitution=restitution, log=str(path), max_episode_steps=120)
     infos = []
     for seed in (7, 8):
         observation, _ = env.reset(seed=seed)

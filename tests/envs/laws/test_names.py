@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from envs_with_laws import juggler
 from gymnasium.envs.registration import EnvSpec
-from own_envs import every_env
+from gymnasium.vector import AsyncVectorEnv
+from own_envs import IDS
 from wrapped import theirs
 
 from impactlaw import Coulomb, Fremond, Moreau, Newton
@@ -90,16 +91,16 @@ def test_numbers_of_own_environments():
             juggler(**{name: value})
 
 
-@every_env
 @pytest.mark.parametrize("context", ["spawn", "forkserver"])
-def test_the_name_with_its_module_works_in_worker_processes(name, context):
-    vector = gymnasium.make_vec(
-        f"impactlaw.envs:{name}",
-        num_envs=1,
-        vectorization_mode="async",
-        vector_kwargs={"context": context},
-        law=Moreau(0.5),
-    )
+def test_the_name_with_its_module_works_in_worker_processes(context):
+    def every(names=IDS):
+        for name in names:
+            env = gymnasium.make(f"impactlaw.envs:{name}", law=Moreau(0.5))
+            assert env.reset(seed=0)[1]["impact/law"] == "Moreau(restitution=0.5)"
+            env.step(env.action_space.sample())
+        return env
+
+    vector = AsyncVectorEnv([every], context=context)
     try:
         _, info = vector.reset(seed=0)
         assert list(info["impact/law"]) == ["Moreau(restitution=0.5)"]
