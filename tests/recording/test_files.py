@@ -139,11 +139,14 @@ with Recorder(model, sys.argv[1]) as recorder:
 @pytest.mark.parametrize("limit", [500, 20_480, 100_000, 204_800])
 def test_a_disk_that_is_full_ends_the_run(tmp_path, limit):
     """Rerun waits forever once its writer is gone: at the start, in a flush, and at the end of the process."""
-    command = [sys.executable, "-c", LIMITED, str(tmp_path / "run.rrd"), str(limit)]
-    for _ in range(3):  # the outcome depends on which of its threads is the first
-        done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
-        assert done.returncode == 1
-        assert "RecordingError: cannot write the recording" in done.stderr
+    runs = []
+    for number in range(3):  # the outcome depends on which of its threads is the first
+        command = [sys.executable, "-c", LIMITED, str(tmp_path / f"{number}.rrd"), str(limit)]
+        runs.append(subprocess.Popen(command, stderr=subprocess.PIPE, text=True))
+    for run in runs:  # all wait for Rerun at the same time
+        told = run.communicate(timeout=600)[1]
+        assert run.returncode == 1
+        assert "RecordingError: cannot write the recording" in told
 
 
 def test_a_recorder_that_cannot_start_leaves_an_old_file_alone(tmp_path, scene, monkeypatch):

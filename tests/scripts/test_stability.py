@@ -1,5 +1,7 @@
 """The quick form of the stability study: every case has its expected verdicts."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -154,7 +156,7 @@ def test_a_row_that_hangs_is_a_row_and_the_next_one_runs(worker):
     assert worker_module.judged(worker, name, "moreau two", "auto", True, budget=60.0)[0] == verdicts.CRASHES
 
 
-def test_the_command_writes_every_row_and_fails_where_a_verdict_is_another(tmp_path, capsys, monkeypatch):
+def test_the_command_writes_every_row_and_fails_where_a_verdict_is_another(worker, tmp_path, capsys, monkeypatch):
     chosen = "two of four gradients are zero"
     study = stability.Stability(quick=True, cases=(chosen,), out=tmp_path)
     with pytest.raises(SystemExit) as end:
@@ -167,6 +169,7 @@ def test_the_command_writes_every_row_and_fails_where_a_verdict_is_another(tmp_p
     assert "refused, as expected" in capsys.readouterr().out
     strict = verdicts.Case(chosen, case.kind, case.measure, case.laws, case.solvers)  # without expected refusals
     monkeypatch.setitem(stability.CASES, chosen, strict)
+    monkeypatch.setattr(stability, "Worker", lambda prepare: nullcontext(worker))  # another one would start anew
     with pytest.raises(SystemExit) as end:
         stability.main(study)
     assert end.value.code == 1

@@ -88,13 +88,12 @@ def test_a_killed_study_goes_on_and_does_nothing_twice(tmp_path):
     kept = {path: path.stat().st_mtime_ns for path in killed.glob("out/cells/*.json")}
     assert 2 <= len(kept) < 6
     assert not (killed / "out/table.parquet").exists()
-    with start(killed) as process:
+    with start(killed) as process, start(tmp_path / "whole") as other:
         assert process.wait(120) == 0
+        assert other.wait(120) == 0
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
     begun = len((killed / "begun").read_text().splitlines())
     assert 12 <= begun <= 14  # 6 cells of 2 episodes, and those of the cell that was killed
-    with start(tmp_path / "whole") as process:
-        assert process.wait(120) == 0
     tables = [pd.read_parquet(tmp_path / name / "out/table.parquet") for name in ("killed", "whole")]
     pd.testing.assert_frame_equal(*tables, check_exact=True)
 
