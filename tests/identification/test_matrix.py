@@ -41,10 +41,10 @@ def test_known_matrix_with_open_contacts(h):
 
 def test_error_falls_as_one_over_the_root_of_n():
     errors = {}
-    for n in (50, 800):
+    for n in (25, 400):
         found = [active_collisions(3, n, seed, noise=0.02) for seed in range(12)]
         errors[n] = np.median([np.abs(found_matrix(fit(c, v, "fremond"), c[0]) - E).max() for E, c, v in found])
-    assert 2.5 < errors[50] / errors[800] < 6.5  # 4 on average
+    assert 2.5 < errors[25] / errors[400] < 6.5  # 4 on average
 
 
 @pytest.mark.parametrize("seed", range(8))
