@@ -23,6 +23,7 @@ from .timing import Row
 
 OURS, SOFT, SHIPPED, EULER = "impactlaw", "impactlaw, soft", "mujoco", "mujoco, Euler"
 _TIMESTEPS = 5  # per call
+_MANY, _LEAST = 256, 3  # number of worlds from which fewer calls are timed, and the least number of these
 
 
 def _batches(model: mujoco.MjModel, worlds: int, threads: int) -> dict[str, Any]:
@@ -53,20 +54,21 @@ def run(
         tasks: ids of gymnasium's MuJoCo environments.
         counts: numbers of worlds.
         threads: numbers of threads.
-        calls: number of timed calls of five timesteps each, after as many untimed ones.
+        calls: number of timed calls of five timesteps each, after as many untimed ones; fewer for many worlds.
     """
     for task in tasks:
         model: Any = gymnasium.make(task).unwrapped.model  # pyright: ignore[reportAttributeAccessIssue]
         for worlds, nthread in product(counts, threads):
             batches, rng = _batches(model, worlds, nthread), np.random.default_rng(0)
             seconds: dict[str, list[float]] = {name: [] for name in batches}
-            for call in range(2 * calls):
+            timed = min(calls, max(_LEAST, calls * _MANY // worlds))
+            for call in range(2 * timed):
                 controls = rng.uniform(-1.0, 1.0, (worlds, model.nu))
                 for name, batch in batches.items():
                     batch.bind("ctrl")[:] = controls
                     start = time.perf_counter()
                     batch.step(nstep=_TIMESTEPS)
-                    if call >= calls:
+                    if call >= timed:
                         seconds[name].append(time.perf_counter() - start)
             rate = {name: worlds * _TIMESTEPS / float(np.median(taken)) for name, taken in seconds.items()}
             row: Row = {"task": task, "worlds": worlds, "threads": nthread, "steps_per_s": rate[OURS]}
