@@ -33,6 +33,7 @@ from impactlaw.stepping.compiled.fields import (
     put_int,
 )
 from impactlaw.stepping.time_stepping.compiled.end_of_step import find_nearest, update_frames
+from impactlaw.stepping.time_stepping.compiled.far_contacts import far_ones_close, leave_far_out
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import settle
 from impactlaw.stepping.time_stepping.compiled.limits import hide_far_limits, narrow_limits
 from impactlaw.stepping.time_stepping.compiled.model_copy import widen_limits
@@ -47,12 +48,6 @@ from impactlaw.stepping.time_stepping.compiled.state.surfaces import (
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.margins import ALWAYS, narrow, outruns, write_arms, write_margins, write_sizes
 from impactlaw.stepping.time_stepping.problem.detection.contact_points import mend
-from impactlaw.stepping.time_stepping.problem.detection.far_contacts import (
-    leave_far_out,
-    some_are_out,
-    some_close,
-    take_back,
-)
 from impactlaw.stepping.time_stepping.temporary_options import EXACT
 from impactlaw.stepping.time_stepping.tolerances import SHARES
 
@@ -171,27 +166,8 @@ def outrun(w, work):
     """
     nbody, (bodies, shapes) = size(w, MODEL.nbody), _places(w)
     margin, room = model_floats(w, MODEL.geom_margin, size(w, MODEL.ngeom)), floats(address_of(work), (2, nbody))
-    velocity, (contacts, of, shape) = data_floats(w, DATA.cvel, (nbody, 6)), _far_contacts(w)
-    left_out = some_close(contacts, of, shape, velocity, w.timestep)
-    return left_out or outruns(margin, bodies, shapes, velocity, w.timestep, room)
-
-
-@plain
-def _far_contacts(w):
-    """Return the first arguments of `far_contacts.leave_far_out`."""
-    n, (dist, pos, _, geom), kind = size(w, MODEL.nbody), contacts_of(w), shapes_of(w)[0]
-    left_out, address = contact_ints(w, CONTACT.exclude, 1)[:, 0], contact_ints(w, CONTACT.efc_address, 1)[:, 0]
-    contacts = dist, pos, geom, left_out, address
-    root, center = model_ints(w, MODEL.body_rootid, n), data_floats(w, DATA.subtree_com, (n, 3))
-    return contacts, (model_ints(w, MODEL.geom_bodyid, len(kind)), root, floats(w.sizes, n), center), kind
-
-
-@plain
-def _leave_far_out(w, now):
-    """Do what `far_contacts.leave_far_out` does."""
-    nbody, (contacts, bodies, shape) = size(w, MODEL.nbody), _far_contacts(w)
-    led_to, gravity = data_floats(w, DATA.cvel, (nbody, 6)), floats(w.model + offset(w, MODEL.opt_gravity), 3)
-    leave_far_out(contacts, bodies, shape, now, led_to, surface_speed(w), w.timestep, norm(gravity))
+    velocity = data_floats(w, DATA.cvel, (nbody, 6))
+    return far_ones_close(w) or outruns(margin, bodies, shapes, velocity, w.timestep, room)
 
 
 @plain
@@ -211,26 +187,6 @@ def detect_farther(w, start, free, middle, margins, work):
     mj.fwd_velocity(w.model, w.data)
     put(qvel, free)
     return full
-
-
-@plain
-def take_far_back(w, start):
-    """Take contacts back that were left out if forces can close one; return whether rows must be made again.
-
-    The velocity of data is that without contact, ``start``, (nv,), that at the start of the step.
-    """
-    contacts, bodies, shape = _far_contacts(w)
-    if not some_are_out(contacts[3]):
-        return False
-    nbody, qvel = size(w, MODEL.nbody), velocity_of(w)
-    mj.com_vel(w.model, w.data)
-    taken = take_back(contacts, bodies, shape, data_floats(w, DATA.cvel, (nbody, 6)), w.timestep)
-    for i in range(w.nv):
-        qvel[i], start[i] = start[i], qvel[i]
-    mj.com_vel(w.model, w.data)
-    for i in range(w.nv):
-        qvel[i], start[i] = start[i], qvel[i]
-    return taken
 
 
 @plain
@@ -315,7 +271,7 @@ def _find(w, now):
     mended = find_standing(w, twice)
     mended = _mend_contacts(w) or mended
     if not twice and len(now) > 0:
-        _leave_far_out(w, now)
+        leave_far_out(w, now)
     if mended or not twice:
         _make_rows(w)
 

@@ -53,6 +53,7 @@ from impactlaw.stepping.time_stepping.compiled.end_of_step import (
     write_acceleration,
     write_forces,
 )
+from impactlaw.stepping.time_stepping.compiled.far_contacts import take_far_back
 from impactlaw.stepping.time_stepping.compiled.impulses.working_set import find_impulses
 from impactlaw.stepping.time_stepping.compiled.limits import hide_far_limits, passes_limit
 from impactlaw.stepping.time_stepping.compiled.midpoint import (
@@ -60,7 +61,6 @@ from impactlaw.stepping.time_stepping.compiled.midpoint import (
     detect_limits,
     find_sizes,
     outrun,
-    take_far_back,
     to_middle,
 )
 from impactlaw.stepping.time_stepping.compiled.model_copy import copy_model, is_damped
