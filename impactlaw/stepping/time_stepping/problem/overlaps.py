@@ -108,8 +108,62 @@ def _leave_out(rows, need, z):
 
 
 @plain
-def _move_apart(rows, need, x, z):
-    """Write a small whitened velocity, (nv,), with ``J w >= need``; ``x``, (g,), is scratch space.
+def _velocity(rows, g, z):
+    """Return the normal velocity of a group due to a whitened velocity."""
+    nnz, adr, row, velocity = rows.sparse[0], rows.sparse[1], rows.groups[0, g], 0.0
+    for a in range(adr[row], adr[row] + nnz[row]):
+        velocity += rows.value[a] * z[rows.colind[a]]
+    return velocity
+
+
+@plain
+def _mark(rows, g, mark):
+    """Mark the degrees of freedom of a group; return whether one of them was not marked before."""
+    nnz, adr, row, new = rows.sparse[0], rows.sparse[1], rows.groups[0, g], False
+    for a in range(adr[row], adr[row] + nnz[row]):
+        if mark[rows.colind[a]] == 0.0:
+            mark[rows.colind[a]], new = 1.0, True
+    return new
+
+
+@plain
+def _is_marked(rows, g, mark):
+    """Return whether a degree of freedom of a group is marked."""
+    nnz, adr, row, some = rows.sparse[0], rows.sparse[1], rows.groups[0, g], False
+    for a in range(adr[row], adr[row] + nnz[row]):
+        some = some or mark[rows.colind[a]] != 0.0
+    return some
+
+
+@plain
+def _hold_squeezed(rows, need, largest, x, z, mark):
+    """Scale down the velocity of bodies that are squeezed, such that no overlap gets deeper than the deepest one.
+
+    There is no solution for them: what opens some of their overlaps makes others deeper. ``mark`` is scratch space,
+    (nv,).
+    """
+    share, more = 1.0, False
+    clear(mark)
+    for g in range(len(need)):
+        if rows.groups[2, g] == CONE and rows.groups[3, g] >= 0:
+            velocity = _velocity(rows, g, z)
+            if need[g] - velocity > (1.0 + _SETTLED) * largest:
+                share, more = min(share, (largest - need[g]) / -velocity), True
+                _mark(rows, g, mark)
+    while more:
+        more = False
+        for g in range(len(need)):
+            if _is_marked(rows, g, mark):
+                more = _mark(rows, g, mark) or more
+    for i in range(len(z)):
+        z[i] *= share if mark[i] != 0.0 else 1.0
+    for g in range(len(need)):
+        x[g] = 0.0 if rows.groups[2, g] == CONE else x[g]
+
+
+@plain
+def _move_apart(rows, need, x, z, mark):
+    """Write a small whitened velocity, (nv,), with ``J w >= need``; x, (g,), and mark, (nv,), are scratch space.
 
     It is found by projected Gauss-Seidel; the next step corrects its error. If not everything can be opened, limits
     take precedence.
@@ -132,9 +186,8 @@ def _move_apart(rows, need, x, z):
             row = groups[0, g]
             begin, end = sparse[1, row], sparse[1, row] + sparse[0, row]
             soft = rows.rates[4, row] if groups[2, g] == BILATERAL else 0.0
-            velocity, G = soft * x[g], soft
+            velocity, G = soft * x[g] + _velocity(rows, g, z), soft
             for a in range(begin, end):
-                velocity += value[a] * z[colind[a]]
                 G += value[a] * value[a]
             if G == 0.0:
                 continue
@@ -146,12 +199,14 @@ def _move_apart(rows, need, x, z):
                 z[colind[a]] += step * value[a]
         if change <= _SETTLED * largest:
             break
+        if sweep == _SWEEPS - 1:
+            _hold_squeezed(rows, need, largest, x, z, mark)
 
 
 @plain
 def move_apart(rows, need, timestep, inertia, root, x, z, shift):
     """Write the result of `open_overlaps`, (nv,); x, (g,), and z, (nv,), are scratch space; root is ``D^-1/2``."""
-    _move_apart(rows, need, x, z)
+    _move_apart(rows, need, x, z, shift)
     unwhitened(z, inertia, root, shift)
     most, farthest = 0.0, _FARTHEST
     for speed in shift:

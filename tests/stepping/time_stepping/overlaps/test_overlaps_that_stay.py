@@ -79,3 +79,41 @@ def test_a_finger_that_is_driven_does_not_leap(compiled):
     assert np.abs(np.diff(path)).max() < 0.002
     assert min(path) > -0.0116
     assert max(path) < 0.021
+
+
+def _squeezed(many: int) -> mujoco.MjModel:
+    """Return a square of boxes with sides of 2 cm, 19 mm apart, that four walls squeeze: all overlap by 1 mm."""
+    places = 0.019 * (np.arange(many) - 0.5 * (many - 1))
+    slides = '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 1 0"/>'
+    box = '<geom type="box" size="0.01 0.01 0.01" density="1000"/>'
+    boxes = "".join(f'<body pos="{x} {y} 0">{slides}{box}</body>' for x in places for y in places)
+    far = 0.0095 * many + 0.02
+    walls = "".join(
+        f'<geom type="box" size="{a} {b} 0.05" pos="{x} {y} 0"/>'
+        for a, b, x, y in ((0.02, 0.2, far, 0), (0.02, 0.2, -far, 0), (0.2, 0.02, 0, far), (0.2, 0.02, 0, -far))
+    )
+    free = '<body pos="1 0 .0095">{}<geom type="box" size=".01 .01 .01" density="1000"/></body>'
+    floor = '<geom type="box" size=".1 .1 .01" pos="1 0 -.01"/>'
+    lift = '<joint type="slide" axis="0 0 1"/>'
+    return mujoco.MjModel.from_xml_string(
+        f'<mujoco><option gravity="0 0 0"/><worldbody>{walls}{boxes}{floor}{free.format(lift)}</worldbody></mujoco>'
+    )
+
+
+@pytest.mark.parametrize("compiled", ["auto", "never"])
+@pytest.mark.parametrize("many", [1, 2, 4])
+def test_overlaps_of_squeezed_boxes_do_not_grow(many, compiled):
+    """A box between two walls went into one of them, 1 mm deep for .5 mm; a body elsewhere opens its own overlap."""
+    model = _squeezed(many)
+    data, seen = mujoco.MjData(model), mujoco.MjData(model)
+    stepper, depths = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled), []
+    for step in range(201):
+        if step in (0, 200):
+            seen.qpos[:] = data.qpos
+            mujoco.mj_fwdPosition(model, seen)
+            depths.append(-seen.contact.dist.min())
+        stepper.step(data)
+    assert depths[1] < depths[0] + 1e-7
+    assert data.qpos[-1] == pytest.approx(5e-4, abs=1e-5)
+    assert not data.qvel.any()
+    assert stepper.short_steps == 0
