@@ -64,6 +64,25 @@ def test_a_fast_table_hits_what_it_would_pass_through():
     assert data.qpos[0] + 1 > data.mocap_pos[0, 2]
 
 
+@pytest.mark.parametrize("friction", [0.4, 0.7, 1.1])
+@pytest.mark.parametrize("way", [1.4e-6, 2.8e-6, 4.2e-6])
+def test_a_box_that_mocap_bodies_squeeze_is_not_thrown_out_between_them(friction, way):
+    """Regression: it left at 50 to 290 m/s as soon as it had turned by 1e-6: then there is a way out, if just one."""
+    world = "".join(
+        f'<body mocap="true" pos="{x} 3e-5 .1"><geom type="box" size=".02 .1 .1"/></body>' for x in (-0.12, 0.12)
+    )
+    world += '<body pos="0 -5e-5 .1"><freejoint/><geom type="box" size=".1 .1 .1" mass="1"/></body>' + FLOOR
+    model, data = compiled(world, geom=f'friction="{friction}"')
+    stepper, fastest = stepping(model, Moreau(0)), 0.0
+    stepper.step(data)
+    for _ in range(100):
+        data.mocap_pos[:, 0] += [way, -way]
+        stepper.step(data)
+        fastest = max(fastest, np.abs(data.qvel).max())
+    assert fastest < 1.0
+    assert stepper.short_steps > 50  # no velocity satisfies both sides
+
+
 def test_a_mocap_gripper_that_closes_on_a_box_is_no_error_and_does_not_throw_it():
     world = "".join(
         f'<body name="{n}" mocap="true" pos="{x} 0 .1"><geom type="box" size=".02 .1 .1"/></body>'

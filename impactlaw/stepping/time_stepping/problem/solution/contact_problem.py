@@ -15,16 +15,20 @@ from impactlaw.solvers.cones.algebra.loops import (
     copied,
     integers,
     kernel,
+    norm,
     numbers,
     plain,
     put,
     zeros,
 )
 from impactlaw.solvers.cones.solve import linked_improve
+from impactlaw.stepping.time_stepping.problem.drifting_equalities import square_of
 from impactlaw.stepping.time_stepping.problem.energy import is_met, row_velocities
 from impactlaw.stepping.time_stepping.problem.rows import find_group
 from impactlaw.stepping.time_stepping.problem.targets import write_offsets
 
+_THROWN = 10.0  # velocity jump, relative to those of all contacts by themselves, that throws bodies
+_GIVES = 1e-4  # compliance of contacts that give way, relative to their entries of the Delassus matrix
 TOLERANCE = 1e-10
 """Residual of the natural map, relative to the largest velocity of the problem, that solvers aim at."""
 
@@ -177,6 +181,43 @@ def without_friction(rows, method, b, solution, jump):
     put(solution, x)
     put(jump, z)
     return True
+
+
+@plain
+def throws(rows, z):
+    """Return whether a velocity jump is out of all proportion to the velocities of contacts, each by itself.
+
+    Normals of surfaces that squeeze a body, but for the last digits, are opposite to each other. Then there is a
+    solution without friction: the body is thrown out between them.
+    """
+    total = 0.0
+    for g in range(rows.groups.shape[1]):
+        row = rows.groups[0, g]
+        speed, square = max(abs(rows.rates[1, row]), abs(rows.rates[2, row])), square_of(rows, row)
+        total += speed * speed / square if square > 0.0 else 0.0
+    return norm(z) > _THROWN * np.sqrt(total)
+
+
+@kernel
+def give_way(rows, aims, method, found):
+    """Write the solution of the problem without friction whose contacts give way: those that oppose each other share.
+
+    They have a compliance of a part `_GIVES` of their entries of the Delassus matrix.
+    """
+    n, groups, one = len(found.x), rows.groups, integers(rows.groups.shape[1])
+    b, soft = found.room[:n], found.room[n : 2 * n]
+    write_offsets(groups, rows.rates, found.reached, aims.sliding, b)
+    put(soft, rows.rates[4])
+    for g in range(groups.shape[1]):
+        one[g] = 1
+        if groups[2, g] == CONE:
+            soft[groups[0, g]] = _GIVES * square_of(rows, groups[0, g])
+    clear(found.x)
+    linked_improve(
+        rows.sparse[0], rows.sparse[1], rows.colind, rows.value, method.tree, groups[0], one, groups[2],
+        rows.amounts[1], soft, b, _CONVEX, TOLERANCE, min(method.rounds, _ONE), method.left, found.x, found.z,
+    )  # fmt: skip
+    row_velocities(rows, found.z, found.after)
 
 
 @plain

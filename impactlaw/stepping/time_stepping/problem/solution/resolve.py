@@ -20,8 +20,10 @@ from impactlaw.stepping.time_stepping.problem.solution.contact_problem import (
     UNSOLVED,
     Aims,
     Solution,
+    give_way,
     guess,
     shortfall,
+    throws,
 )
 from impactlaw.stepping.time_stepping.problem.solution.driving_equalities import solve_undriven
 
@@ -64,6 +66,10 @@ def _resolve(
     )
     missed, fastest = shortfall(rows, found.after, found.reached)
     solved = residual <= UNSOLVED
+    if (not solved or share == 0.0) and throws(rows, found.z):
+        give_way(rows, aims, method, found)
+        missed, fastest = shortfall(rows, found.after, found.reached)
+        solved, residual = False, max(residual, 1.0)
     if not solved or not is_met(missed, fastest):
         lose_energy(rows, found.reached, method.tree, dissipative and not solved, found.x, found.z, found.after)
         missed, fastest = shortfall(rows, found.after, found.reached)
