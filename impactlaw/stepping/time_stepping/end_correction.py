@@ -110,8 +110,8 @@ def bend(contacts, rows, geometry, motion, mocap, surface_speed, at, timestep, a
     Both are 0 if no overlap asks for a correction. Overlaps arise because contacts deviate from their gradients. A
     point with acceleration a at constant joint velocities leaves its straight line by ``a (h / 2)^2 / 2``, and a
     contact can jump to another point of a body that turns. Only where this can be more than `_SEEN`, the gap is
-    measured; gaps to planes mostly have a closed form. Overlaps that were deep at the start are opened over time, here
-    by this deviation.
+    measured; gaps to planes mostly have a closed form. Shallower overlaps are left to the next step. Overlaps that were
+    deep at the start are opened over time, here by this deviation.
 
     Args:
         contacts: geoms of MuJoCo's contacts in the middle of the step, (ncon, 2), and their gaps, (ncon,).
@@ -123,11 +123,11 @@ def bend(contacts, rows, geometry, motion, mocap, surface_speed, at, timestep, a
         surface_speed: speed of the fastest point of mocap bodies, m/s; gaps to bodies that move are measured.
         at: addresses of the model and of its data at the end of the step.
         timestep: h, s.
-        again: whether overlaps have been corrected already; then only new overlaps count, and smaller ones do not.
+        again: whether overlaps have been corrected already; then only new overlaps count.
     """
     (geoms, gaps), (body_of_geom, shape, extent, place, turned) = contacts, geometry
     velocity, root, size = motion[0], motion[8], motion[9]
-    g, end, deepest, slow, least = 0, 0, 0.0, 0.0, _SEEN if again else SLOP
+    g, end, deepest, slow = 0, 0, 0.0, 0.0
     while end < len(geoms):
         first, one, other = end, geoms[end, 0], geoms[end, 1]
         while end < len(geoms) and geoms[end, 0] == one and geoms[end, 1] == other:
@@ -135,7 +135,7 @@ def bend(contacts, rows, geometry, motion, mocap, surface_speed, at, timestep, a
         while g < rows[0].shape[1] and rows[0][3, g] < first:
             g += 1
         gap = _plane_gap(one, other, shape, extent, place, turned)
-        if gap >= -least:
+        if gap >= -_SEEN:
             continue
         falls, along, old = _foresee(first, end, g, gaps, rows, timestep)
         if falls == np.inf or (again and old):
@@ -152,7 +152,7 @@ def bend(contacts, rows, geometry, motion, mocap, surface_speed, at, timestep, a
         if gap == -np.inf or old:
             if bends and not again:
                 deepest, slow = max(deepest, turn), max(slow, turn)
-        elif gap < -least and max(turn, -gap) > _SEEN:
+        elif gap < -_SEEN:
             deepest = max(deepest, -gap)
     return deepest, slow
 

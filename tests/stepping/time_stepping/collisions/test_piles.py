@@ -43,7 +43,7 @@ def test_dominoes_that_lean_on_each_other_meet_the_law(push):
 
 def test_compiled_steps_spend_their_work_as_those_in_python(monkeypatch):
     """If the first solves take half of the work, collisions are not resolved in sequence, whatever is lost."""
-    model, data = _dominoes(24, 4.0)
+    model, data = _dominoes(24, 3.9)
     stepper, alike, looks = Stepper(model, Moreau(0.5), scheme="time-stepping"), [], []
     find = ContactProblem.find
 
