@@ -109,7 +109,7 @@ def _parts(module: str) -> int:
 
 @cache
 def _tell() -> None:
-    print("impactlaw: compiling contact, once; this takes a minute or two", file=sys.stderr)
+    print("impactlaw: compiling contact, once; this takes up to two minutes", file=sys.stderr)
 
 
 @cache
@@ -215,7 +215,11 @@ def compiled(*signature: Any, counts: bool = True, python: bool = True) -> Calla
 @cache
 def for_python(part: Any) -> Any:
     """Return a function that Python calls, compiled from one that only compiled functions call, see `loops.plain`."""
-    return compiled()(part.py_func)
+    function = part.py_func
+    folder = cache_folder(_parts(function.__module__))
+    if folder is None or not any((folder / function.__module__).glob(f"*.{function.__name__}-*.nbi")):
+        _tell()
+    return compiled()(function)
 
 
 def _compile_alone(

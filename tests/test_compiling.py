@@ -19,6 +19,11 @@ pytest.importorskip("fcntl", reason="on Windows each process compiles for itself
 _MODULE = """
 from impactlaw.compiled import compiled
 from impactlaw.linked import by_address, linked
+from impactlaw.solvers.cones.algebra.loops import plain
+
+@plain
+def thrice(x):
+    return 3.0 * x
 
 @compiled("float64(float64)")
 def double(x):
@@ -121,6 +126,42 @@ def test_a_helper_compiles_what_no_other_process_is_at(copy, held, found):
     """Nor does it compile if there is a helper with its number already."""
     _run(_HELP.format(held), copy)
     assert _run(_READ, copy).split() == ["5.0", *found]
+
+
+_FOR_PYTHON = """
+import sys
+from impactlaw.copied import thrice
+from impactlaw.compiled import _tell, for_python
+_tell.cache_clear()
+sys.stderr = sys.stdout
+print(for_python(thrice)(2.0))
+"""
+_STEPS = """
+import mujoco
+from impactlaw import Moreau, Stepper
+from impactlaw.compiled import for_python
+model = mujoco.MjModel.from_xml_string(
+    '<mujoco><worldbody><geom type="plane" size="1 1 1"/><body pos="0 0 .11"><freejoint/><geom size=".1"/></body>'
+    '</worldbody></mujoco>')
+data = mujoco.MjData(model)
+stepper = Stepper(model, Moreau(0.5), scheme="time-stepping")
+while not stepper.sums.count:
+    stepper.step(data)
+print(for_python.cache_info().currsize)
+"""
+
+
+def test_what_only_python_calls_is_announced_when_it_is_compiled(copy):
+    _run(_CALL, copy)
+    told, said = _run(_FOR_PYTHON, copy).split("\n")[:2]
+    assert told.startswith("impactlaw: compiling")
+    assert said == "6.0"
+    assert _run(_FOR_PYTHON, copy) == "6.0\n"
+
+
+def test_compiled_steps_need_nothing_that_is_compiled_for_steps_in_python():
+    said = subprocess.run([sys.executable, "-c", _STEPS], capture_output=True, text=True, timeout=600, check=True)
+    assert said.stdout == "0\n"
 
 
 def test_a_python_that_cannot_be_started_again_compiles_alone(monkeypatch, tmp_path):

@@ -52,7 +52,7 @@ def _envelope(P: Island, y: Array, p: Array, kappa: Array) -> float:
     return s
 
 
-@kernel
+@linked(types.int64(ISLAND, BLOCKS, FLOATS, FLOATS, FLOATS, types.float64, types.float64, FLOATS, FLOATS))
 def proximal_step(
     P: Island, K: Blocks, b: Array, x: Array, z: Array, least: float, tolerance: float, W: Array, H: Array
 ) -> int:
@@ -176,7 +176,7 @@ def _separates(P: Island, x: Array, z: Array, scale: float) -> bool:
     return given > scale * (_FAR * moved + _ROUNDING * norm_of(x, FIRST, len(x)))
 
 
-@kernel
+@linked(types.Tuple((types.int64, types.boolean))(ISLAND, BLOCKS, types.float64))
 def out_of_reach(P: Island, K: Blocks, scale: float) -> tuple[int, bool]:
     """Return Newton steps taken, and whether the convex problem has no solution, or one that is too far away.
 

@@ -1,25 +1,11 @@
 """Check, after Newton's method has failed, whether bodies jam: slower methods would take hundreds of steps in vain."""
 
-from numba import types
-
 from impactlaw.compiled import compiled
-from impactlaw.linked import by_address, linked
-from impactlaw.solvers.cones.algebra.loops import FLOATS, INTEGERS, counts, indices, numbers, unset
+from impactlaw.linked import by_address
+from impactlaw.solvers.cones.algebra.loops import counts, indices, numbers, unset
 from impactlaw.solvers.cones.algebra.projection import norm_of
-from impactlaw.solvers.cones.convex import out_of_reach
-from impactlaw.solvers.cones.islands import build
-from impactlaw.solvers.cones.rows import PROBLEM, Problem, islands
-from impactlaw.solvers.cones.solve import in_islands
-
-
-@linked(types.boolean(INTEGERS, PROBLEM, FLOATS, INTEGERS, INTEGERS))
-def _one_jams(members, problem, length, number, seen):
-    """Do the work of `jams` for the groups of one island."""
-    P, K = build(members, problem, length, number, seen)
-    scale = 0.0
-    for g in range(len(members)):
-        scale = max(scale, norm_of(P.b, P.start[g], P.start[g + 1]))
-    return out_of_reach(P, K, scale)[1]
+from impactlaw.solvers.cones.rows import Problem, islands
+from impactlaw.solvers.cones.solve import in_islands, solve_one
 
 
 @compiled(
@@ -39,7 +25,10 @@ def jams(rownnz, rowadr, colind, value, tree, first, size, kind, bound, complian
     in_islands(label, begin, at, order)
     number, seen = unset(len(tree)), unset(len(tree))
     for i in range(count):
-        jammed = jammed or _one_jams(order[begin[i] : begin[i + 1]], problem, length, number, seen)
+        members, scale = order[begin[i] : begin[i + 1]], 0.0
+        for g in members:
+            scale = max(scale, norm_of(b, first[g], first[g] + size[g]) / length[g])
+        jammed = jammed or solve_one(members, problem, length, number, seen, b[:0], scale, 0.0, 0, b[:0]) != 0
     return jammed
 
 

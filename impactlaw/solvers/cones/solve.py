@@ -10,6 +10,7 @@ from numba import types
 from impactlaw.compiled import compiled
 from impactlaw.linked import by_address, linked
 from impactlaw.solvers.cones.algebra.loops import FLOATS, INTEGERS, Array, counts, indices, numbers, plain, unset
+from impactlaw.solvers.cones.convex import out_of_reach
 from impactlaw.solvers.cones.hybrid import solve_island
 from impactlaw.solvers.cones.islands import build
 from impactlaw.solvers.cones.rows import PROBLEM, Problem, certificate, impulse_jump, islands, longest_group
@@ -20,10 +21,15 @@ from impactlaw.solvers.cones.rows import PROBLEM, Problem, certificate, impulse_
         INTEGERS, PROBLEM, FLOATS, INTEGERS, INTEGERS, FLOATS, types.float64, types.float64, types.int64, FLOATS
     )
 )
-def _solve_one(members, problem, length, number, seen, x, scale, tolerance, rounds, left):
-    """Overwrite the impulses of the groups of one island by its solution; return the steps taken."""
+def solve_one(members, problem, length, number, seen, x, scale, tolerance, rounds, left):
+    """Overwrite the impulses of the groups of one island by its solution; return the steps taken.
+
+    Without impulses, that is if x is empty, return whether bodies jam, see `convex.out_of_reach`.
+    """
     first, size = problem.first, problem.size
     P, K = build(members, problem, length, number, seen)
+    if len(x) == 0:
+        return np.int64(out_of_reach(P, K, scale)[1])
     point = numbers(len(P.b))
     for j in range(len(members)):
         g = members[j]
@@ -100,7 +106,7 @@ def improve(
         if np.sqrt(squares[i]) <= tolerance * scale[i]:
             continue
         members = order[begin[i] : begin[i + 1]]
-        total += _solve_one(members, problem, length, number, seen, x, scale[i], tolerance, rounds, left)
+        total += solve_one(members, problem, length, number, seen, x, scale[i], tolerance, rounds, left)
     impulse_jump(rownnz, rowadr, colind, value, x, z)
     return certificate(problem, x, z, length, label, scale, squares, room), total
 

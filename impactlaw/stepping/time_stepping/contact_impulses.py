@@ -169,8 +169,8 @@ class ContactProblem:
                 records += (self._record(step, met, before, after),)
             if not np.count_nonzero(met.later):
                 break
-            keep = reached_by(now, self._model.dof_treeid, met.later)
-            now, where = some_groups(now._replace(rates=later_rates(now, answer.jump)), keep)
+            keep = for_python(reached_by)(now, self._model.dof_treeid, met.later)
+            now, where = for_python(some_groups)(now._replace(rates=for_python(later_rates)(now, answer.jump)), keep)
             place, may, rounds = place[where], met.later[keep], FEW_ROUNDS
             before = step.velocity + (after - step.free)
         assert answer is not None
@@ -194,7 +194,7 @@ class ContactProblem:
                 break
             later[keep] |= new
             known, rounds = met.rows.known(met.answer.impulse), FEW_ROUNDS
-            part, place = some_groups(rows, ~later)
+            part, place = for_python(some_groups)(rows, ~later)
         if met.scalable:
             met = self._solve(step, part, before, known, rounds, may[keep], scaled=True)
         return replace(met, place=place, later=later, cut=cut)
@@ -261,7 +261,7 @@ class ContactProblem:
             bound[:] = kinds != 0
         if seen is not None:
             together = self._ask_law(seen, before, aims)
-        close_gaps(rows, self._model.dof_treeid, collides, aims.target)
+        for_python(close_gaps)(rows, self._model.dof_treeid, collides, aims.target)
         return seen, together
 
     def _kinds(self, data: mujoco.MjData, rows: Rows) -> np.ndarray:

@@ -7,11 +7,11 @@ from functools import cached_property, partial
 import mujoco
 import numpy as np
 
-from impactlaw.compiled import compiled, for_python
+from impactlaw.compiled import for_python
 from impactlaw.scene.corrected.side_by_side import line_gap
 from impactlaw.scene.tolerances import APART
 from impactlaw.solvers.cones import CONE
-from impactlaw.solvers.cones.algebra.loops import plain
+from impactlaw.solvers.cones.algebra.loops import kernel, plain
 from impactlaw.solvers.cones.algebra.vectors import axis_of, cross, dot, length, minus, plus, row
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.left_out.hidden_edges import support
@@ -157,7 +157,7 @@ def bend(contacts, rows, geometry, motion, mocap, surface_speed, at, timestep, a
     return deepest, slow
 
 
-@compiled()
+@kernel
 def end_targets(groups, key, amounts, slow, before_key, before, timestep):
     """Return how fast positions must move to open overlaps, m/s, (g,), and whether any must.
 
@@ -254,8 +254,8 @@ class EndCorrection:
         near = self._reader.without_tied(now, (now.efc_type <= LAST_LOSS) | (now.efc_pos < BEYOND * depth))
         seen = read_rows(model, now, metric, nothing, nothing, near, belts=False)
         started = rows.gap - 0.5 * h * rows.before[rows.first]
-        need, some = end_targets(seen.groups, seen.key, seen.amounts, slow, rows.key, started, h)
-        return open_overlaps(seen, need, h, metric) if some else None
+        need, some = for_python(end_targets)(seen.groups, seen.key, seen.amounts, slow, rows.key, started, h)
+        return for_python(open_overlaps)(seen, need, h, metric) if some else None
 
     def _look(self, data: mujoco.MjData) -> mujoco.MjData:
         """Return data with the current contacts."""

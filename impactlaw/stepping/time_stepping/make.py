@@ -25,16 +25,13 @@ _SCENE = """<mujoco><option timestep="0.01"/><worldbody><geom type="plane" size=
 
 
 @cache
-def warm_up(calls: str = _SOLVER) -> None:
-    """Compile what a step needs, once on every machine; later processes load it from numba's cache on disk.
+def warm_up() -> None:
+    """Compile what steps in Python need, once on every machine; later processes load it from numba's cache on disk.
 
     Two steps of a spinning box that overlaps a floor call all of it.
-
-    Args:
-        calls: the module that is needed next, see `compile_together`.
     """
     announce("impactlaw.stepping.time_stepping")
-    compile_together(calls)
+    compile_together(_SOLVER)
     from impactlaw.stepping.compiled.libmujoco import without_callbacks
     from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
@@ -61,7 +58,10 @@ def make_time_stepping(
             "never" for Python.
         options: options of `scheme.TimeStepping`.
     """
-    warm_up(_SOLVER if compiled == "never" else _ENTRY)
+    if compiled == "never":
+        warm_up()
+    else:
+        compile_together(_ENTRY)
     from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
     scheme = TimeStepping(model, law, plan, **options)

@@ -8,6 +8,7 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
+from impactlaw.compiled import for_python
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction import Friction
 from impactlaw.scene.contacts import Contacts, contact_labels
@@ -126,7 +127,7 @@ class ContactSnapshot:
 
     def reached(self, collides: np.ndarray, pushed: np.ndarray) -> np.ndarray:
         """Return which groups take part in a collision, bool (g,); see `targets.reached_groups`."""
-        return reached_groups(self.rows, self.model.dof_treeid, collides, pushed)
+        return for_python(reached_groups)(self.rows, self.model.dof_treeid, collides, pushed)
 
     def islands(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the islands of groups, int (g,), and of degrees of freedom, int (nv,); see `energy.islands_of`."""

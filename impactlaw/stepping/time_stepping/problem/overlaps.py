@@ -5,10 +5,9 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.compiled import compiled
 from impactlaw.scene.tolerances import APART
 from impactlaw.solvers.cones import BILATERAL, CONE
-from impactlaw.solvers.cones.algebra.loops import clear, numbers, plain, put
+from impactlaw.solvers.cones.algebra.loops import clear, kernel, numbers, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.whitening import unwhitened
 from impactlaw.stepping.time_stepping.problem.rows import find_group
@@ -218,7 +217,7 @@ def move_apart(rows, need, timestep, inertia, root, x, z, shift):
             shift[i] *= farthest / most
 
 
-@compiled()
+@kernel
 def open_overlaps(rows, need, timestep, inertia):
     """Return a velocity, (nv,), that moves positions as needed, ``J w >= need``, without friction.
 

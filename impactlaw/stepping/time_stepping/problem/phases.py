@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import BILATERAL, BOX, CONE
 from impactlaw.solvers.cones.algebra.loops import cleared, kernel, plain, put
 from impactlaw.solvers.cones.rows import trees_of
@@ -75,7 +74,7 @@ def find_later(rows, z, x, collides, slowest, resolved, later):
     return some
 
 
-@compiled()
+@kernel
 def later_rates(rows, z):
     """Return the rates of rows, see `rows.Rows`, in the next phase, which starts with the final velocity of this one.
 
@@ -94,7 +93,7 @@ def later_rates(rows, z):
     return new
 
 
-@compiled()
+@kernel
 def some_groups(rows, keep):
     """Return the rows of the groups to keep, bool (g,), and the index of each among all rows, (n,)."""
     sparse, groups, rates, many, entries, count = rows.sparse, rows.groups, rows.rates, 0, 0, 0
@@ -132,7 +131,7 @@ def some_groups(rows, keep):
     return Rows(table, columns, values, kinds, keys, gaps, new), place
 
 
-@compiled()
+@kernel
 def reached_by(rows, tree, later):
     """Return which groups take part in the next phase, bool (g,): those that impulses of its contacts can reach.
 

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
-from numba import types
 
 from impactlaw.compiled import compiled, for_python
 from impactlaw.scene.equality_constraints import constraint_kinds, least_free, lengths
 from impactlaw.scene.moving_surfaces import Surfaces
-from impactlaw.solvers.cones.algebra.loops import FLOATS, cleared, numbers
+from impactlaw.solvers.cones.algebra.loops import cleared, numbers
 from impactlaw.stepping.compiled.dense import sparse_jacobian
 from impactlaw.stepping.compiled.left_out.tied_contacts import find_tied
-from impactlaw.stepping.compiled.whitening import INERTIA, Inertia
+from impactlaw.stepping.compiled.whitening import Inertia
 from impactlaw.stepping.time_stepping.problem.detection.carriers import add_carried
 from impactlaw.stepping.time_stepping.problem.rows import (
-    ROWS,
-    SOURCE,
     Rows,
     Source,
     count_groups,
@@ -25,14 +22,8 @@ from impactlaw.stepping.time_stepping.problem.rows import (
     write_rows,
 )
 
-_INTS, _MARKS = types.int32[::1], types.boolean[::1]
 
-
-@compiled(
-    ROWS(
-        SOURCE, INERTIA, types.UniTuple(_INTS, 3), FLOATS, FLOATS, _MARKS, types.float64, types.boolean, types.float64
-    )
-)  # fmt: skip
+@compiled()
 def _read_rows(source, inertia, trees, before, free, near, timestep, frictional, touching):
     """Return the rows that `write_rows` writes; see there."""
     mark = cleared(len(trees[1]))

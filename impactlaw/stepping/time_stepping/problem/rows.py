@@ -92,8 +92,7 @@ _INTS, _TABLE, _INT_TABLE = types.int32[::1], types.float64[:, ::1], types.int32
 JACOBIAN = types.Tuple((_INTS, _INTS, _INTS, FLOATS))
 ROWS = types.NamedTuple([_INT_TABLE, _INTS, FLOATS, _INT_TABLE, types.int64[::1], _TABLE, _TABLE], Rows)
 KNOWN = types.NamedTuple([_INT_TABLE, types.int64[::1], FLOATS, FLOATS, _TABLE], Known)
-SOURCE = types.NamedTuple([_INTS] * 2 + [FLOATS] * 5 + [JACOBIAN, _INTS, _INT_TABLE, _TABLE], Source)
-"""The types of a Jacobian, `Rows`, `Known` and `Source` in compiled code."""
+"""The types of a Jacobian, `Rows` and `Known` in compiled code."""
 
 
 @plain

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import CONE
-from impactlaw.solvers.cones.algebra.loops import cleared, plain
+from impactlaw.solvers.cones.algebra.loops import cleared, kernel, plain
 from impactlaw.solvers.cones.rows import trees_of
 from impactlaw.stepping.time_stepping.problem.gradient_turns import SMOOTH
 from impactlaw.stepping.time_stepping.problem.rows import NEAR, is_length
@@ -156,7 +155,7 @@ def reach(rows, tree, collides, pushed, mark, reached):
                 reached[g] = more = True
 
 
-@compiled()
+@kernel
 def reached_groups(rows, tree, collides, pushed):
     """Return which contacts collide, or are reached by collisions through others and do not separate, bool (g,).
 
@@ -183,7 +182,7 @@ def _is_nearly_closed(rows, collides, target):
     return False
 
 
-@compiled()
+@kernel
 def close_gaps(rows, tree, collides, target):
     """Keep closed contacts that a collision reaches closed, ``gamma^h = 0``, however small their gap is.
 

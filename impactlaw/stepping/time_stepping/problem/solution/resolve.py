@@ -13,7 +13,7 @@ from impactlaw.solvers.cones.algebra.loops import FLOATS, Array, counts, numbers
 from impactlaw.stepping.compiled.whitening import INERTIA, unwhitened
 from impactlaw.stepping.time_stepping.problem.energy import CREATED, contact_work, is_met, lose_energy
 from impactlaw.stepping.time_stepping.problem.overlaps import move_apart, overlap_targets
-from impactlaw.stepping.time_stepping.problem.rows import KNOWN, ROWS
+from impactlaw.stepping.time_stepping.problem.rows import ROWS
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import (
     AIMS,
     METHOD,
@@ -48,9 +48,6 @@ class Resolved(NamedTuple):
     residual: float  # residual of the natural map, including friction, relative to the largest velocity
     jump: Array  # whitened change of velocity, (nv,)
     sliding: Array  # target sliding velocities, (n,)
-
-
-_RESOLVED = types.NamedTuple([*[FLOATS] * 4, *[types.float64] * 7, FLOATS, FLOATS], Resolved)
 
 
 @plain
@@ -104,7 +101,7 @@ def resolve(rows, aims, bound, known, timestep, dissipative, together, method, i
     )  # fmt: skip
 
 
-@compiled(_RESOLVED(ROWS, AIMS, _MARKS, KNOWN, types.float64, types.boolean, types.boolean, METHOD, INERTIA))
+@compiled()
 def resolve_step(rows, aims, bound, known, timestep, dissipative, together, method, inertia):
     """Resolve the contacts of a step.
 
