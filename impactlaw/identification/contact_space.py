@@ -15,8 +15,8 @@ _RANK = 1e-9  # eigenvalue of G, relative to the largest one, that is rounding
 _REACHED = 1e-6  # relative size of contact velocities outside of the range of G, or of their change, that is ignored
 _CONSTANT = 1e-3  # misfit relative to the jumps up to which one G explains all collisions
 _WAY_OUT = (
-    "write a table that has it in a column delassus, or mass_matrix and jacobian (recordings have it of up to "
-    f"{MOST_COUPLED} contacts and rows of friction)"
+    "choose other collisions by contacts, or write a table that has it in a column delassus, or mass_matrix and "
+    f"jacobian (recordings have it of up to {MOST_COUPLED} contacts and rows of friction)"
 )
 
 
@@ -59,21 +59,26 @@ def collision_of(
 
 
 def delassus_by_contacts(
+    rows: Sequence[int],
+    given: Sequence[np.ndarray | None],
     labels: Sequence[tuple[str, ...]],
     contacts: Sequence[np.ndarray],
     before: Sequence[np.ndarray],
     after: Sequence[np.ndarray],
     impulses: Sequence[np.ndarray | None],
 ) -> list[np.ndarray]:
-    """Return G of each collision, fitted to ``gamma+ - gamma- = G Lambda``, the same for all with the same contacts.
+    """Return G of each collision: as given, else fitted to ``gamma+ - gamma- = G Lambda`` of those without.
+
+    The fitted one is the same for all collisions with the same contacts. Messages name the rows of the table.
 
     Raises:
         MeasurementError: impulses are missing, there are too few collisions, or no G explains them.
     """
     known: dict[tuple, np.ndarray] = {}
-    keys = [(own, tuple(rows)) for own, rows in zip(labels, contacts, strict=True)]
-    for key in dict.fromkeys(keys):
-        which = [i for i, other in enumerate(keys) if other == key]
+    keys = [(own, tuple(of_rows)) for own, of_rows in zip(labels, contacts, strict=True)]
+    missing = [i for i, G in enumerate(given) if G is None]
+    for key in dict.fromkeys(keys[i] for i in missing):
+        which = [i for i in missing if keys[i] == key]
         mine = [impulse for i in which if (impulse := impulses[i]) is not None]
         if len(mine) == len(which):
             jumps = np.array([after[i] - before[i] for i in which])
@@ -81,8 +86,10 @@ def delassus_by_contacts(
         elif len(before[which[0]]) == 1:
             known[key] = np.ones((1, 1))
         else:
-            raise MeasurementError(f"contacts {', '.join(key[0])} have neither delassus nor impulses, row {which[0]}")
-    return [known[key] for key in keys]
+            raise MeasurementError(
+                f"contacts {', '.join(key[0])} have neither delassus nor impulses, row {rows[which[0]]}"
+            )
+    return [known[key] if G is None else G for key, G in zip(keys, given, strict=True)]
 
 
 def symmetric_least_squares(L: np.ndarray, D: np.ndarray, labels: tuple[str, ...]) -> np.ndarray:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from impactlaw.errors import ImpactLawError, MeasurementError, UnknownNameError
 from impactlaw.identification.families import FAMILIES, Family, largest_friction, outcomes
 from impactlaw.identification.intervals import matrix_intervals, parameter_intervals
-from impactlaw.identification.measurements import Measurements, rms
+from impactlaw.identification.measurements import Measurements, of_contacts, rms
 from impactlaw.identification.restitution_matrix import MatrixFit
 from impactlaw.laws import Fremond, Law, RestitutionLaw, Scattered, energy_gain
 from impactlaw.laws.restitution.labels import canonical
@@ -140,15 +140,7 @@ def checked(
     measured = Measurements(collisions, post_velocities)
     if contacts is None:
         return measured
-    wanted = tuple(sorted(map(canonical, (contacts,) if isinstance(contacts, str) else contacts)))
-    if not wanted:
-        raise MeasurementError(
-            "contacts is empty: there is nothing to fit; name the contacts of a set, or leave it out"
-        )
-    if wanted not in measured.contact_sets:
-        known = "; ".join(" ".join(labels) for labels in measured.contact_sets)
-        raise MeasurementError(f"no collision has exactly the contacts {', '.join(wanted)}; there are: {known}")
-    return measured.select(measured.contact_sets[wanted])
+    return measured.select(of_contacts(contacts, measured.contact_sets))
 
 
 def _fit_parameters(measured: Measurements, family: Family) -> Identified:

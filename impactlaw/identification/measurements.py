@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from itertools import count
 
@@ -85,15 +85,39 @@ class Measurements:
     @cached_property
     def contact_sets(self) -> dict[tuple[str, ...], list[int]]:
         """Indices of the collisions with each set of closed contacts, by the sorted canonical labels of the set."""
-        sets: dict[tuple[str, ...], list[int]] = {}
-        for i, c in enumerate(self.collisions):
-            sets.setdefault(tuple(sorted(map(canonical, c.labels))), []).append(i)
-        return sets
+        return contact_sets([c.labels for c in self.collisions])
 
     @cached_property
     def labels(self) -> tuple[str, ...]:
         """Canonical labels of all contacts, in the order of first appearance."""
         return tuple(dict.fromkeys(canonical(label) for c in self.collisions for label in c.labels))
+
+
+def contact_sets(labels: Iterable[Iterable[str]]) -> dict[tuple[str, ...], list[int]]:
+    """Return the indices of the collisions with each set of closed contacts, given the labels of each collision."""
+    sets: dict[tuple[str, ...], list[int]] = {}
+    for i, own in enumerate(labels):
+        sets.setdefault(tuple(sorted(map(canonical, own))), []).append(i)
+    return sets
+
+
+def of_contacts(contacts: str | Sequence[str], sets: Mapping[tuple[str, ...], list[int]]) -> list[int]:
+    """Return the indices of the collisions of one set of closed contacts, named by its labels, or the one label.
+
+    Raises:
+        MeasurementError: no collision has exactly these contacts.
+    """
+    if not np.iterable(contacts):
+        raise MeasurementError(f"contacts are the labels of a set of closed contacts, got {contacts!r:.60}")
+    wanted = tuple(sorted(map(canonical, (contacts,) if isinstance(contacts, str) else contacts)))
+    if not wanted:
+        raise MeasurementError(
+            "contacts is empty: there is nothing to fit; name the contacts of a set, or leave it out"
+        )
+    if wanted not in sets:
+        known = "; ".join(" ".join(labels) for labels in sets)
+        raise MeasurementError(f"no collision has exactly the contacts {', '.join(wanted)}; there are: {known}")
+    return sets[wanted]
 
 
 def rms(errors: Sequence[np.ndarray]) -> float:

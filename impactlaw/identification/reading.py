@@ -4,6 +4,7 @@ import ast
 import json
 import math
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from impactlaw.errors import ImpactLawError, MeasurementError
 from impactlaw.identification.contact_space import collision_of, delassus_by_contacts
+from impactlaw.identification.measurements import contact_sets, of_contacts
 from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction import Friction
 
@@ -28,7 +30,7 @@ class Collisions(NamedTuple):
     post_velocities: list[np.ndarray]
 
 
-def read_collisions(path: str | Path) -> Collisions:
+def read_collisions(path: str | Path, *, contacts: str | Sequence[str] | None = None) -> Collisions:
     """Read collisions and the velocities observed after them.
 
     They are read from a recording (``run.rrd``), or from a table (``.csv``, ``.parquet``) with one row per collision.
@@ -45,6 +47,11 @@ def read_collisions(path: str | Path) -> Collisions:
     The column ``contacts`` has the labels, "0", "1", ... if not given. Collisions from the second kind of table have
     their own coordinates with M = 1, since only the relative motion at contacts is known.
 
+    Args:
+        path: the file.
+        contacts: labels of the set of closed contacts whose collisions are read, or the label of one contact; by
+            default all collisions are read.
+
     Raises:
         MeasurementError: the file does not exist, is of another kind, or a row is not a collision; the message names
             row and column.
@@ -58,15 +65,24 @@ def read_collisions(path: str | Path) -> Collisions:
         raise MeasurementError(f"{path} has no collisions")
     try:
         if set(FULL) <= set(table):
-            return _full(table)
+            return _full(_chosen(table, contacts, "jacobian", 2))
         if set(CONTACT) <= set(table):
-            return _contact(table)
+            return _contact(_chosen(table, contacts, "pre_contact_velocity", 1))
     except MeasurementError as error:
         raise MeasurementError(f"{path}: {error}") from None
     have = set(table)
     wanted = FULL if len(have & set(FULL)) > len(have & set(CONTACT)) else CONTACT
     missing = ", ".join(name for name in wanted if name not in have)
     raise MeasurementError(f"{path} has no column {missing}; a table has {', '.join(FULL)} or {', '.join(CONTACT)}")
+
+
+def _chosen(table: "pd.DataFrame", contacts: str | Sequence[str] | None, name: str, ndim: int) -> "pd.DataFrame":
+    """Return the rows of a set of contacts, with their numbers; ``name`` is a column with an entry for each contact."""
+    if contacts is None:
+        return table
+    rows = table.to_dict("records")
+    labels = [_labels(row, i, len(_array(row, name, i, ndim))) for i, row in enumerate(rows)]
+    return table.iloc[of_contacts(contacts, contact_sets(labels))]
 
 
 def _table(path: Path) -> "pd.DataFrame":
@@ -81,7 +97,7 @@ def _table(path: Path) -> "pd.DataFrame":
     if not path.is_file():
         raise MeasurementError(f"{path} is not a file" if path.exists() else f"there is no file {path}")
     try:
-        return pd.read_csv(path) if path.suffix == ".csv" else pd.read_parquet(path)
+        return pd.read_csv(path) if path.suffix == ".csv" else pd.read_parquet(path).reset_index(drop=True)
     except (ValueError, OSError) as error:  # pandas' parser errors are ValueErrors
         reason = str(error).strip().partition("\n")[0]
         raise MeasurementError(f"{path} cannot be read as a table: {reason}") from None
@@ -89,7 +105,7 @@ def _table(path: Path) -> "pd.DataFrame":
 
 def _full(table: "pd.DataFrame") -> Collisions:
     collisions, after = [], []
-    for i, row in enumerate(table.to_dict("records")):
+    for i, row in zip(table.index, table.to_dict("records"), strict=True):
         M, J = (_array(row, name, i, 2) for name in ("mass_matrix", "jacobian"))
         v, post = (_array(row, name, i, 1) for name in ("pre_velocity", "post_velocity"))
         friction, labels = None, _labels(row, i, len(J))
@@ -109,9 +125,9 @@ def _full(table: "pd.DataFrame") -> Collisions:
 
 
 def _contact(table: "pd.DataFrame") -> Collisions:
-    rows = table.to_dict("records")
+    rows = list(zip(table.index.tolist(), table.to_dict("records"), strict=True))
     before, after, labels, contacts = [], [], [], []
-    for i, row in enumerate(rows):
+    for i, row in rows:
         gamma, plus = (_array(row, name, i, 1) for name in CONTACT)
         if gamma.shape != plus.shape:
             raise MeasurementError(f"row {i}: {len(gamma)} contact velocities before, {len(plus)} after")
@@ -132,16 +148,16 @@ def _contact(table: "pd.DataFrame") -> Collisions:
         before.append(np.concatenate([gamma, sliding[0]]))
         after.append(np.concatenate([plus, sliding[1]]))
         contacts.append(contact)
-    impulses = [_impulses(row, i, len(labels[i]), len(contacts[i])) for i, row in enumerate(rows)]
-    given = [_delassus(row, i, len(labels[i]), len(contacts[i])) for i, row in enumerate(rows)]
-    missing = any(G is None for G in given)
-    found = delassus_by_contacts(labels, contacts, before, after, impulses) if missing else []
-    known = [found[i] if G is None else G for i, G in enumerate(given)]
+    sizes = [(i, len(own), len(of_rows)) for (i, _), own, of_rows in zip(rows, labels, contacts, strict=True)]
+    impulses, given = (
+        [read(row, *size) for (_, row), size in zip(rows, sizes, strict=True)] for read in (_impulses, _delassus)
+    )
+    known = delassus_by_contacts(table.index.tolist(), given, labels, contacts, before, after, impulses)
     collisions, velocities = [], []
-    for i, row in enumerate(rows):
-        mu = _coefficients(row, i, len(contacts[i]))
+    for j, (i, row) in enumerate(rows):
+        mu = _coefficients(row, i, len(contacts[j]))
         try:
-            c, v = collision_of(known[i], before[i], after[i], labels[i], contacts[i], mu)
+            c, v = collision_of(known[j], before[j], after[j], labels[j], contacts[j], mu)
         except ImpactLawError as error:
             raise MeasurementError(f"row {i}: {error}") from None
         collisions.append(c)
@@ -187,6 +203,8 @@ def _coefficients(row: dict[Any, Any], i: int, k: int) -> np.ndarray:
     if not _given(row, "friction_coefficient"):
         return np.ones(k)
     mu = _array(row, "friction_coefficient", i, 1)
+    if len(mu) not in (1, k):
+        raise MeasurementError(f"row {i}: {len(mu)} friction coefficients for {k} rows of friction")
     return np.full(k, mu[0]) if len(mu) == 1 else mu
 
 

@@ -92,7 +92,7 @@ def study(
 
 def _chosen(path: Path, family: str, contacts: Sequence[str] | None) -> Collisions:
     """Return the collisions of a set of contacts, or all if it is None."""
-    read = read_collisions(path)
+    read = read_collisions(path, contacts=contacts)
     try:
         chosen = checked(*read, family, contacts)
     except MeasurementError as error:

@@ -32,6 +32,55 @@ def test_without_a_delassus_matrix_it_follows_from_impulses(tmp_path):
     np.testing.assert_allclose(collisions[0].delassus, expected, rtol=0, atol=1e-9)
 
 
+def test_only_collisions_without_a_delassus_matrix_are_asked_for_impulses(tmp_path):
+    """Row 0 has a matrix and no impulse; rows 2 to 4, an impulse and no matrix; a single contact needs neither."""
+    rows = chain_rows()
+    del rows[0]["impulse"]
+    for one in rows[2:5]:
+        del one["delassus"]
+    rows += [{"contacts": '["x/y"]', "pre_contact_velocity": "-1", "post_contact_velocity": "0.5"}]
+    collisions, _ = read_collisions(table(tmp_path / "some.csv", rows))
+    for c in collisions[:-1]:
+        np.testing.assert_allclose(c.delassus, [[1.5, -0.5], [-0.5, 0.5 + 1 / 1.5]], rtol=0, atol=1e-9)
+    assert collisions[-1].delassus.tolist() == [[1.0]]
+
+
+def test_one_set_of_contacts_can_be_read_where_another_tells_no_delassus_matrix(tmp_path, monkeypatch, capsys):
+    """A box lands on 24 contacts with friction, more rows than a recording has G of; a ball beside it bounces."""
+    corners = [f"<geom name='c{i}' type='box' size='.1 .1 .1' pos='{0.5 * i} 0 0'/>" for i in range(6)]
+    bodies = [f"<body pos='0 0 .15'><freejoint/>{''.join(corners)}</body>"]
+    bodies += ["<body pos='0 2 .6'><freejoint/><geom name='ball' size='.1'/></body>"]
+    scene = f"<worldbody><geom name='f' type='plane' size='9 9 1'/>{''.join(bodies)}</worldbody>"
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><option integrator='RK4'/>{scene}</mujoco>")
+    data, path = mujoco.MjData(model), tmp_path / "run.rrd"
+    stepper = Stepper(model, Moreau(0.4), scheme="time-stepping")
+    with Recorder(model, path, law=stepper.law) as recorder:
+        for _ in range(400):
+            stepper.step(data)
+            recorder.step(data, stepper.events)
+    with pytest.raises(MeasurementError, match=r"f/c0.* choose other collisions by contacts"):
+        read_collisions(path)
+    collisions, after = read_collisions(path, contacts="ball/f")
+    assert len(collisions) == len(after) >= 3
+    assert fit(collisions, after, "moreau").parameters["restitution"] == pytest.approx(0.4, abs=1e-9)
+    words = ("identify", path, "--family", "moreau", "--out", tmp_path / "law.json", "--contacts")
+    assert run_cli(monkeypatch, capsys, *words, "f/ball")[0] == 0
+    code, _, said = run_cli(monkeypatch, capsys, *words, "ball")
+    assert (code, said.count("\n")) == (2, 1)
+    assert "no collision has exactly the contacts ball; there are: " in said
+
+
+def test_chosen_rows_keep_their_numbers_in_messages(tmp_path):
+    rows = [*chain_rows(3), *chain_rows(3)]
+    for one in rows[1::2]:
+        one["contacts"] = '["c/d", "d/e"]'
+    rows[3]["post_contact_velocity"] = "[1.0]"
+    path = table(tmp_path / "two.csv", rows)
+    assert len(read_collisions(path, contacts=("b/c", "b/a")).collisions) == 3
+    with pytest.raises(MeasurementError, match="row 3: 2 contact velocities before, 1 after"):
+        read_collisions(path, contacts=("c/d", "d/e"))
+
+
 def test_tables_of_everything(tmp_path):
     c = Collision(np.diag([1.0, 1.0, 0.5]), [[0, 1, 0.2]], [3.0, -1.0, 0.5])
     cells = {

@@ -114,6 +114,20 @@ MALFORMED = {
         ),
         "row 0: 2 friction impulses for 1 sliding velocities",
     ),
+    "coefficients of other rows": (
+        changed(
+            delassus=np.eye(4).tolist(), pre_sliding_velocity=[1.0, 1.0], post_sliding_velocity=[0.5, 0.5],
+            friction_coefficient=[0.1, 0.2, 0.3],
+        ),
+        "row 0: 3 friction coefficients for 2 rows of friction",
+    ),
+    "too few coefficients": (
+        changed(
+            delassus=np.eye(5).tolist(), pre_sliding_velocity=[1.0] * 3, post_sliding_velocity=[0.5] * 3,
+            friction_coefficient=[0.1, 0.2],
+        ),
+        "row 0: 2 friction coefficients for 3 rows of friction",
+    ),
     "sliding before only": (changed(pre_sliding_velocity=[1.0]), "row 0: post_sliding_velocity"),
 }  # fmt: skip
 
