@@ -47,7 +47,7 @@ class Recorder:
 
     Args:
         model: the compiled scene.
-        path: the file, overwritten if it exists.
+        path: the file, replaced if it exists; what an older recorder still writes to that is lost with it.
         law: the impact law of the run, or its name; written to the file.
         restitution: the restitution, if `law` is a name; if it is a `Law`, its own restitution is the default.
         scene: name of the scene; the model's own name if not given.

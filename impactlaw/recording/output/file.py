@@ -7,6 +7,7 @@ import ctypes
 import os
 import weakref
 from pathlib import Path
+from secrets import token_hex
 from typing import Any
 
 import mujoco
@@ -54,7 +55,7 @@ class RecordingFile:
 
         sinks = [viewer.spawn_viewer()] if view else []
         try:
-            self.path.write_bytes(bytes(_ROOM))
+            _begin(self.path)
             self._stream.set_sinks(rr.FileSink(self.path), *sinks)
         except (OSError, RuntimeError) as error:
             raise self._cannot_write(getattr(error, "strerror", None) or str(error)) from None
@@ -129,3 +130,21 @@ class RecordingFile:
     def _cannot_write(self, reason: str) -> RecordingError:
         reason = reason.removeprefix("Failed to create file: ").partition(", path")[0]
         return RecordingError(f"cannot write the recording {self.path}: {reason}")
+
+
+def _begin(path: Path) -> None:
+    """Make the file, with room for its beginning, in the place of an old one.
+
+    A recorder that still writes to the old one keeps that for itself. Else both would write to one file, which nobody
+    could read, for instance where a cell of a notebook that makes a recorder is run again.
+    """
+    path = path.resolve()
+    if not (path.is_file() and path.stat().st_size):
+        path.write_bytes(bytes(_ROOM))
+        return
+    new = path.with_name(f".unfinished-{token_hex(4)}")
+    try:
+        new.write_bytes(bytes(_ROOM))
+        new.replace(path)
+    finally:
+        new.unlink(missing_ok=True)
