@@ -26,6 +26,7 @@ from impactlaw.recording import Recorder
 DEFAULT_LAWS = ("maximal-dissipation", "moreau", "scene", "reversal")
 _BETWEEN = "; "  # separator of labels, which may contain blanks
 _WIDTH = 5  # velocities shown in the printed table
+_SOFT = "mujoco, mujoco-tuned: contact takes time, and what gravity does meanwhile is part of v+ and of its violations"
 _MOST_STEPS = 1e12  # more would take months
 
 
@@ -115,7 +116,7 @@ def _check_taken(restitution: float, names: Iterable[str]) -> None:
 
 
 def format_table(table: pd.DataFrame) -> str:
-    """Return the table for the screen, with short numbers and vectors, and below it refusals and the laws in full."""
+    """Return the table for the screen, with short numbers, and below it refusals, the laws in full, and a caution."""
     shown = table.drop(columns=["law", "refused"]).copy()
     shown["v+"] = [_short(v) for v in table["v+"]]
     shown["T+/T-"] = table["T+/T-"].astype(float).round(4) + 0.0
@@ -136,7 +137,9 @@ def format_table(table: pd.DataFrame) -> str:
         if reason:
             text += f"\n{run} was refused: {reason}"
     laws = zip(table["run"], table["law"], strict=True)
-    return text + "\n\nlaws: " + ", ".join(f"{run} = {law}" for run, law in laws if isinstance(law, str))
+    text += "\n\nlaws: " + ", ".join(f"{run} = {law}" for run, law in laws if isinstance(law, str))
+    rows = zip(table["law"], table["T+/T-"], strict=True)
+    return f"{text}\n{_SOFT}" if any(not isinstance(law, str) and pd.notna(ratio) for law, ratio in rows) else text
 
 
 def _short(values: list[float] | None) -> str:
