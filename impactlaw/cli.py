@@ -226,10 +226,10 @@ Command = (
 
 
 def main() -> None:
-    """Run the command line; an `ImpactLawError` becomes one line on standard error and exit code 2.
+    """Run the command line; an `ImpactLawError`, or a path that cannot be reached, becomes one line and exit code 2.
 
-    The exit code is 1 if the output is closed, as by ``| head``, and, with a one-line message, if it cannot be written,
-    as on a full disk. It is 130 after Ctrl-C and 143 after SIGTERM.
+    The line is on standard error. The exit code is 1 if the output is closed, as by ``| head``, and, with a one-line
+    message, if it cannot be written, as on a full disk. It is 130 after Ctrl-C and 143 after SIGTERM.
     """
     command: Any = None
     try:
@@ -251,8 +251,9 @@ def main() -> None:
         print(f"impactlaw: {in_options(str(error), command)}", file=sys.stderr)
         sys.exit(2)
     except OSError as error:
-        if error.filename is not None:  # not an error of the output
-            raise
+        if error.filename is not None:  # of a file or folder that cannot be reached, not of the output
+            print(f"impactlaw: cannot reach {error.filename}: {error.strerror}", file=sys.stderr)
+            sys.exit(2)
         if not isinstance(error, BrokenPipeError):
             print(f"impactlaw: cannot write the output: {error.strerror}", file=sys.stderr)
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python's flush at exit reports an error

@@ -177,6 +177,9 @@ def test_compare_writes_into_out_and_prints_the_table(run, tmp_path):
         (("plan", "wedge", "--contact-model", "soft", "--scheme", "time-stepping"), "scheme means nothing"),
         (("inspect", "nosuch.rrd"), "nosuch.rrd"),
         (("inspect", "notes.xml"), "notes.xml"),
+        (("inspect", f"{300 * 'a'}.rrd"), "cannot reach aaa"),
+        (("identify", f"{300 * 'a'}.csv"), "aaa.csv: File name too long"),
+        (("plan", f"{300 * 'a'}.xml"), "aaa.xml: File name too long"),
     ],
 )
 def test_wrong_input_is_one_line_and_exit_code_2(arguments, message, tmp_path, run):
