@@ -62,16 +62,12 @@ class SoftCollisions:
     def _event(self, before: State, after: State, pairs: set) -> ImpactEvent | None:
         model, (qpos, velocity, time) = self._model, before
         gap, J, rate = self._contacts(after, pairs)
-        gamma = J @ after[1]
-        opens = gamma > 0
-        past = np.min(_time(gap[opens], -gamma[opens], (J @ rate)[opens]), initial=np.inf)
+        past = np.min(_time(gap, -J @ after[1], J @ rate, model.opt.timestep), initial=np.inf)
         post = after[1] - (past if np.isfinite(past) else 0.0) * rate
         gap, J, rate = self._contacts(before, pairs)
-        gamma = J @ velocity
-        closes = gamma < 0
-        if not closes.any():
+        wait = float(np.min(_time(gap, J @ velocity, J @ rate, model.opt.timestep), initial=np.inf))
+        if not np.isfinite(wait):
             return None
-        wait = float(np.min(_time(gap[closes], gamma[closes], (J @ rate)[closes])))
         pre = velocity + wait * rate
         near = self._near
         bilateral = bilateral_rows(model, self._scratch, self._bilateral) if self._scratch.ne else None
@@ -91,8 +87,9 @@ class SoftCollisions:
         scratch.qpos[:], scratch.qvel[:], scratch.time = state
         mujoco.mj_forward(model, scratch)
         rate = scratch.qacc_smooth.copy()
-        speed = np.abs(state[1]).max(initial=0.0) * max(1.0, float(model.stat.extent))
-        reach = _REACH * model.opt.timestep * speed + 1e-9
+        h = model.opt.timestep
+        speed = (np.abs(state[1]) + h * np.abs(rate)).max(initial=0.0) * max(1.0, float(model.stat.extent))
+        reach = _REACH * h * speed + 1e-9
         update_positions(model, scratch)
         found = self._detector.near(scratch, reach).contacts
         mine = np.array([(int(a), int(b)) in pairs for a, b in found.geoms], dtype=bool)
@@ -101,8 +98,14 @@ class SoftCollisions:
         return self._near.gap, gap_gradients(model, scratch, self._near), rate
 
 
-def _time(gap: np.ndarray, gamma: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    """Return the first t with ``gap + gamma t + rate t^2 / 2 = 0``, for gamma < 0; 0 if the gap is not open."""
-    gap = np.maximum(gap, 0.0)
-    inside = np.maximum(gamma**2 - 2.0 * rate * gap, 0.0)
-    return 2.0 * gap / (-gamma + np.sqrt(inside))
+def _time(gap: np.ndarray, gamma: np.ndarray, rate: np.ndarray, longest: float) -> np.ndarray:
+    """Return the first t with ``gap + gamma t + rate t^2 / 2 = 0``: 0 for a gap that is not open, inf if there is none.
+
+    A gap that grows at first, ``gamma >= 0``, turns and closes: if it is open, and up to ``longest``, it can be the one
+    sought. One that is not open is of a contact at rest, which does not collide.
+    """
+    room = np.maximum(gap, 0.0)
+    root = np.sqrt(np.maximum(gamma**2 - 2.0 * rate * room, 0.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turned = np.where((rate < 0) & (gap > _OVERLAP), (gamma + root) / -rate, np.inf)
+        return np.where(gamma < 0, 2.0 * room / (root - gamma), np.where(turned <= longest, turned, np.inf))
