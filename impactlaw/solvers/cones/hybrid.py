@@ -79,7 +79,7 @@ def _has_boxes(P: Island) -> bool:
     return False
 
 
-@once
+@kernel
 def _solve_pile(P: Island, K: Blocks, x: Array, scale: float, tolerance: float) -> tuple[int, float]:
     """Overwrite the guess x by the best point found; return steps taken and its natural map."""
     dense, one, point, large = numbers(0), 1.0, copied(x), len(x) >= LARGE
@@ -192,7 +192,7 @@ def _rest(P: Island, x: Array, point: Array) -> None:
             point[k] = x[k] if P.kind[g] == BOX else 0.0
 
 
-@once
+@kernel
 def _go_on(
     P: Island, K: Blocks, G: Array, x: Array, start: Array, least: float, scale: float, tolerance: float, delta: float,
     step: float, left: Array,
@@ -230,7 +230,7 @@ def _go_on(
     return total + taken, least, hopeless
 
 
-@once
+@kernel
 def _rounds(
     P: Island, K: Blocks, G: Array, x: Array, start: Array, least: float, scale: float, tolerance: float, rounds: int,
     few: bool, left: Array,

@@ -98,7 +98,7 @@ def _beside(rows, members, basis, nv):
     return nnz, adr, col, val
 
 
-@once
+@plain
 def _aims(rows, members, v, speed, target, sliding, b):
     """Write the offsets of the rows that take part; return whether their velocities are due to v alone."""
     for g in members:
@@ -198,7 +198,7 @@ def _add_work(rows, members, basis, x, v, tree, island, work, own):
         own[i] += done
 
 
-@once
+@kernel
 def _book(rows, members, tree, basis, x, v, z, sums):
     """Add the properties of a collision to the sums; NaN if its outcome is not in S(v-), or constraints drive it."""
     label, distant, intensity, speed, count = counts(len(rows.key)), False, norm(z), norm(v), 0
