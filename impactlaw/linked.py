@@ -29,6 +29,18 @@ def linked(*signature: Any, counts: bool = True) -> Callable[[Callable[..., Any]
     return lambda function: by_address(compiled(*signature, counts=counts, python=False)(function))
 
 
+def shared(*signature: Any, counts: bool = True) -> Callable[[Callable[..., Any]], Any]:
+    """Return a decorator that does the same for a function that Python calls, too, see `compiled.for_python`."""
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        made = compiled(*signature, counts=counts)(function)
+        call = by_address(made)
+        call.for_python = made
+        return call
+
+    return decorate
+
+
 def by_address(function: Any) -> Any:
     """Return a numba intrinsic by which compiled functions call a compiled function with a single signature.
 

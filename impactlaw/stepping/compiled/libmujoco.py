@@ -26,11 +26,6 @@ def library() -> Any:
     return ctypes.CDLL(str(find_library(Path(mujoco.__file__).parent)))
 
 
-def add_tendon_bias(model: mujoco.MjModel, data: mujoco.MjData, bias: np.ndarray) -> None:
-    """Add the forces of turning tendons with inertia to a bias, (nv,); MuJoCo's bindings lack this function."""
-    library().mj_tendonBias(*map(ctypes.c_void_p, (model._address, data._address, bias.ctypes.data)))
-
-
 def find_library(folder: Path) -> Path:
     """Return the library with the version of the bindings; a library of MuJoCo 4 may remain after going back to 3."""
     libraries = [path for path in folder.iterdir() if _is_library(path.name)]

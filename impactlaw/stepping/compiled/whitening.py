@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 from numba import types
 
-from impactlaw.compiled import compiled
 from impactlaw.solvers.cones.algebra.loops import FLOATS, Array, plain
 
 _ROUNDING = 1e-12  # smallest entries of J, m or m/rad: limbs that overlap at their common joint cannot be moved apart
@@ -92,14 +91,6 @@ def apply_inverse(inertia, x):
         for a in range(adr[i], adr[i] + nnz[i] - 1):
             s -= factor[a] * x[col[a]]
         x[i] = s
-
-
-@compiled()
-def solve_inertia(force, factor, inverse, nnz, adr, col):
-    """Return ``M^-1 f``, (nv,); the other arguments are the fields of `Inertia`."""
-    x = force.copy()
-    apply_inverse(Inertia(factor, inverse, nnz, adr, col), x)
-    return x
 
 
 @plain

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from functools import cached_property, partial
-
 import mujoco
 import numpy as np
 
-from impactlaw.compiled import for_python
 from impactlaw.scene.corrected.side_by_side import line_gap
 from impactlaw.scene.tolerances import APART
 from impactlaw.solvers.cones import CONE
@@ -15,15 +12,8 @@ from impactlaw.solvers.cones.algebra.loops import kernel, plain
 from impactlaw.solvers.cones.algebra.vectors import axis_of, cross, dot, length, minus, plus, row
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.left_out.hidden_edges import support
-from impactlaw.stepping.compiled.whitening import Inertia
-from impactlaw.stepping.time_stepping.free_motion import update_frames
 from impactlaw.stepping.time_stepping.problem.detection.far_contacts import jump_speed
-from impactlaw.stepping.time_stepping.problem.detection.nearest_points import find_nearest
-from impactlaw.stepping.time_stepping.problem.overlaps import COUNTED, begins_deep, open_overlaps
-from impactlaw.stepping.time_stepping.problem.reader import RowReader, read_rows
-from impactlaw.stepping.time_stepping.problem.rows import Known, Rows
-from impactlaw.stepping.time_stepping.standing_cylinders import PLANE, find_standing
-from impactlaw.stepping.time_stepping.temporary_options import TemporaryOptions
+from impactlaw.stepping.time_stepping.problem.detection.standing_cylinders import PLANE
 
 _SEEN = 3e-6
 """Smallest depth, m, that requires a correction."""
@@ -184,89 +174,3 @@ def end_targets(groups, key, amounts, slow, before_key, before, timestep):
                 if before_key[k] == key[g] and before[k] < -_DEEP:
                     need[g] = min(-gap, slow) / timestep
     return need, some
-
-
-class EndCorrection:
-    """Finds overlaps at the end of a step, and the shift of positions that opens them."""
-
-    def __init__(self, model: mujoco.MjModel, size: np.ndarray, options: TemporaryOptions, reader: RowReader):
-        self._model, self._size, self._options, self._reader = model, size, options, reader
-
-    @cached_property
-    def _other(self) -> mujoco.MjData:
-        """Other data of the model."""
-        return mujoco.MjData(self._model)
-
-    def begins_deep(self, rows: Rows, known: Known | None, start: np.ndarray) -> bool:
-        """Return what `overlaps.begins_deep` returns, for the position at the start of the step, (nq,)."""
-        model, keys = self._model, np.zeros(0, np.int64) if known is None else known.key
-        now, geometry = self._other, (model.body_rootid, model.geom_bodyid, model.geom_type)
-        scene = model.opt.timestep, model.body_mocapid, geometry
-        return for_python(begins_deep)(rows, keys, *scene, start, now.qpos, (model._address, now._address))
-
-    def correct(
-        self,
-        data: mujoco.MjData,
-        rows: Rows,
-        found: tuple[np.ndarray, np.ndarray],
-        metric: Inertia,
-        surface_speed: float,
-    ) -> bool:
-        """Open the overlaps of data; return whether new ones of more than `COUNTED` remain.
-
-        Args:
-            data: state and frames at the end of the step.
-            rows: the rows of the step.
-            found: geoms and gaps of the contacts that these rows belong to, (ncon, 2) and (ncon,).
-            metric: the mass matrix of the step.
-            surface_speed: see `bend`.
-        """
-        model, forces = self._model, (rows.groups, rows.amounts, rows.rates)
-        geometry = model.geom_bodyid, model.geom_type, model.geom_size, data.geom_xpos, data.geom_xmat
-        motion = (
-            data.cvel, data.cdof_dot, data.qvel, model.body_parentid, model.body_dofadr, model.body_dofnum, data.xipos,
-            data.subtree_com, model.body_rootid, self._size,
-        )  # fmt: skip
-        surfaces, at = (model.body_mocapid, surface_speed), (model._address, data._address)
-        measured = partial(for_python(bend), found, forces, geometry, motion, *surfaces, at, model.opt.timestep)
-        depth, slow = measured(False)
-        for _ in range(ROUNDS if depth > 0.0 else 0):
-            before, shift = depth, self._shift(data, rows, depth, slow, metric)
-            if shift is not None:
-                mujoco.mj_integratePos(model, data.qpos, shift, model.opt.timestep)
-                update_frames(model, data)
-            depth, slow = measured(True)
-            if shift is None or depth == 0.0 or depth > LITTLE * before:
-                break
-        return depth > COUNTED
-
-    def _shift(self, data: mujoco.MjData, rows: Rows, depth: float, slow: float, metric: Inertia) -> np.ndarray | None:
-        """Return the velocity, (nv,), that opens the overlaps of data within one timestep; None if there are none."""
-        model, h = self._model, self._model.opt.timestep
-        self._options.tighten_margins(max(BEYOND * depth, CLOSE))
-        now, nothing = self._look(data), np.zeros(model.nv)
-        if not np.any(now.contact.dist < -SLOP):
-            return None
-        mujoco.mj_comPos(model, now)
-        if model.ntendon:
-            mujoco.mj_tendon(model, now)
-        mujoco.mj_makeConstraint(model, now)
-        near = self._reader.without_tied(now, (now.efc_type <= LAST_LOSS) | (now.efc_pos < BEYOND * depth))
-        seen = read_rows(model, now, metric, nothing, nothing, near, belts=False)
-        started = rows.gap - 0.5 * h * rows.before[rows.first]
-        need, some = for_python(end_targets)(seen.groups, seen.key, seen.amounts, slow, rows.key, started, h)
-        return for_python(open_overlaps)(seen, need, h, metric) if some else None
-
-    def _look(self, data: mujoco.MjData) -> mujoco.MjData:
-        """Return data with the current contacts."""
-        model, now = self._model, self._other
-        now.qpos[:], now.eq_active[:] = data.qpos, data.eq_active
-        now.mocap_pos[:], now.mocap_quat[:] = data.mocap_pos, data.mocap_quat
-        mujoco.mj_kinematics(model, now)
-        if self._options.stands:
-            find_standing(model, now)
-        else:
-            mujoco.mj_collision(model, now)
-        if now.ncon:
-            find_nearest(model, now, beside=self._options.beside)
-        return now

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import mujoco
 import numpy as np
 
 from impactlaw.compiled import for_python
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.stepping.compiled.whitening import Inertia
+from impactlaw.stepping.time_stepping.compiled import far_contacts, midpoint
+from impactlaw.stepping.time_stepping.compiled.impulses.forces import settle
+from impactlaw.stepping.time_stepping.compiled.midpoint import mend_contacts, set_margins
+from impactlaw.stepping.time_stepping.compiled.standing_cylinders import find_standing
+from impactlaw.stepping.time_stepping.compiled.state.world import World
 from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
-from impactlaw.stepping.time_stepping.margins import narrow, outruns, write_margins, write_sizes
-from impactlaw.stepping.time_stepping.problem.detection.contact_points import mend
-from impactlaw.stepping.time_stepping.problem.detection.far_contacts import leave_far_out, some_close, take_back
-from impactlaw.stepping.time_stepping.problem.detection.nearest_points import find_nearest
+from impactlaw.stepping.time_stepping.margins import narrow, write_sizes
 from impactlaw.stepping.time_stepping.problem.forces import without_far_limits
-from impactlaw.stepping.time_stepping.standing_cylinders import find_standing
 from impactlaw.stepping.time_stepping.temporary_options import EXACT, TemporaryOptions
 from impactlaw.stepping.time_stepping.tolerances import SHARES
 
@@ -44,9 +43,7 @@ def update_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     mujoco.mj_makeM(model, data)
 
 
-def reach(
-    model: mujoco.MjModel, data: mujoco.MjData, gained: np.ndarray, sizes: np.ndarray, surface: float
-) -> np.ndarray:
+def reach(w: World, model: mujoco.MjModel, data: mujoco.MjData, gained: np.ndarray, sizes: np.ndarray) -> np.ndarray:
     """Set margins such that MuJoCo finds the contacts that bodies can reach in this step.
 
     Return the velocities of bodies at its start; those to which forces lead are in data, (nbody, 6).
@@ -57,50 +54,24 @@ def reach(
     data.qvel += gained
     mujoco.mj_comVel(model, data)
     data.qvel[:] = velocity
-    _set_margins(model, data, now, data.cvel, sizes, surface)
+    for_python(set_margins)(w, now, data.cvel, np.empty(5 * model.nbody))
     return now
 
 
-def _set_margins(
-    model: mujoco.MjModel, data: mujoco.MjData, now: np.ndarray, led_to: np.ndarray, sizes: np.ndarray, surface: float
-) -> None:
-    gravity = model.opt.gravity
-    for_python(write_margins)(
-        model.body_margin, model.geom_margin, model.geom_gap, model.pair_margin, model.pair_gap,
-        model.jnt_margin, model.tendon_margin, *_places(model, data, sizes), now, led_to, surface,
-        model.opt.timestep, float(np.sqrt(gravity.dot(gravity))), np.empty((5, model.nbody)),
-    )  # fmt: skip
-
-
-def _places(model: mujoco.MjModel, data: mujoco.MjData, sizes: np.ndarray) -> tuple[tuple[np.ndarray, ...], ...]:
-    """Return what `margins.write_margins` needs of bodies and shapes."""
-    bodies = model.body_rootid, model.body_treeid, model.body_mocapid, sizes, data.xipos, data.subtree_com
-    return bodies, (model.geom_bodyid, model.geom_type, data.geom_xpos, data.geom_xmat, model.geom_aabb)
-
-
-def outrun(model: mujoco.MjModel, data: mujoco.MjData, sizes: np.ndarray) -> bool:
+def outrun(w: World, model: mujoco.MjModel, data: mujoco.MjData) -> bool:
     """Return whether a collision throws a body farther in a timestep than contacts were looked for."""
     mujoco.mj_comVel(model, data)
-    places, room, moves = _places(model, data, sizes), np.empty((2, model.nbody)), (data.cvel, model.opt.timestep)
-    left_out = data.ncon > 0 and for_python(some_close)(*_far_contacts(model, data, sizes), *moves)
-    return bool(left_out or for_python(outruns)(model.geom_margin, *places, *moves, room))
-
-
-def _far_contacts(model: mujoco.MjModel, data: mujoco.MjData, sizes: np.ndarray) -> tuple[Any, ...]:
-    """Return the first arguments of `far_contacts.leave_far_out`."""
-    found, bodies = data.contact, (model.geom_bodyid, model.body_rootid, sizes, data.subtree_com)
-    return (found.dist, found.pos, found.geom, found.exclude, found.efc_address), bodies, model.geom_type
+    return bool(for_python(midpoint.outrun)(w, np.empty(2 * model.nbody)))
 
 
 def detect_farther(
+    w: World,
     model: mujoco.MjModel,
     data: mujoco.MjData,
     options: TemporaryOptions,
     start: np.ndarray,
     free: np.ndarray,
     middle: np.ndarray,
-    sizes: np.ndarray,
-    surfaces: Surfaces | None,
 ) -> bool:
     """Find the contacts that bodies can reach after a collision, with data as it was without contact.
 
@@ -110,21 +81,21 @@ def detect_farther(
     led_to, before = data.cvel.copy(), options.margins()
     data.qpos[:], data.qvel[:] = middle, start
     mujoco.mj_comVel(model, data)
-    _set_margins(model, data, data.cvel, led_to, sizes, 0.0 if surfaces is None else surfaces.speed)
+    for_python(set_margins)(w, data.cvel, led_to, np.empty(5 * model.nbody))
     options.widen_margins(before)
-    overflown = _find_contacts(model, data, options, surfaces)
+    overflown = _find_contacts(w, model, data, options, np.empty((0, 6)))
     mujoco.mj_fwdVelocity(model, data)
     data.qvel[:] = free
     return overflown
 
 
 def to_midpoint(
+    w: World,
     model: mujoco.MjModel,
     data: mujoco.MjData,
     surfaces: Surfaces | None,
     options: TemporaryOptions,
     now: np.ndarray,
-    sizes: np.ndarray,
 ) -> tuple[np.ndarray, bool]:
     """Move bodies to the middle of the step, and compute all forces except those of contact there.
 
@@ -138,7 +109,7 @@ def to_midpoint(
         data.time = time
     mujoco.mj_integratePos(model, data.qpos, data.qvel, 0.5 * h)
     middle = data.qpos.copy()
-    overflown = _find_contacts(model, data, options, surfaces, (now, sizes))
+    overflown = _find_contacts(w, model, data, options, now)
     if model.nsensordata:
         data.flg_subtreevel = data.flg_rnepost = False  # otherwise MuJoCo would reuse results of the last step
         data.flg_energypos = data.flg_energyvel = False
@@ -155,21 +126,17 @@ def to_midpoint(
 
 
 def _find_contacts(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    options: TemporaryOptions,
-    surfaces: Surfaces | None,
-    motion: tuple[np.ndarray, np.ndarray] | None = None,
+    w: World, model: mujoco.MjModel, data: mujoco.MjData, options: TemporaryOptions, now: np.ndarray
 ) -> bool:
     """Compute everything that depends on positions, with smaller margins if MuJoCo has no room for all contacts.
 
-    Contacts that are too far away get no rows, if the ``motion`` is given: velocities and sizes of bodies.
+    Contacts that are too far away at velocities of bodies get no rows, see `midpoint.mend_contacts`.
     """
     mended = full = cut = False
     for share in (*SHARES, 1.0):
         seen = data.warning.number[_FULL].sum()
         mujoco.mj_fwdPosition(model, data)
-        mended = options.stands and find_standing(model, data, found=True, surfaces=surfaces)
+        mended = options.stands and for_python(find_standing)(w, True)
         full = data.warning.number[_FULL].sum() != seen
         if full:
             options.scale_margins(share)
@@ -177,13 +144,8 @@ def _find_contacts(
         cut = data.ncon > 0 and bool(for_python(narrow)(*pairs, share))
         if not full and not cut:
             break
-    mended |= _mend_contacts(model, data, options)
     own = options.sticks or model.nflex > 0  # then MuJoCo reads rows, or has contacts of its own
-    if data.ncon and motion is not None and not own:
-        speed, gravity = 0.0 if surfaces is None else surfaces.speed, model.opt.gravity
-        moves = motion[0], data.cvel, speed, model.opt.timestep, float(np.sqrt(gravity.dot(gravity)))
-        mended |= bool(for_python(leave_far_out)(*_far_contacts(model, data, motion[1]), *moves))
-    if mended:
+    if for_python(mend_contacts)(w, now[:0] if own else now) or mended:
         _make_rows(model, data)
     return full or cut
 
@@ -194,34 +156,18 @@ def _make_rows(model: mujoco.MjModel, data: mujoco.MjData) -> None:
         mujoco.mj_projectConstraint(model, data)
 
 
-def take_far_back(
-    model: mujoco.MjModel, data: mujoco.MjData, start: np.ndarray, middle: np.ndarray, sizes: np.ndarray
-) -> None:
+def take_far_back(w: World, model: mujoco.MjModel, data: mujoco.MjData, start: np.ndarray, middle: np.ndarray) -> None:
     """Make rows of contacts that were left out if forces can close one, with data as it is without contact."""
-    if not data.ncon or not data.contact.exclude.any():
-        return
-    free = data.qvel.copy()
-    mujoco.mj_comVel(model, data)
-    taken = for_python(take_back)(*_far_contacts(model, data, sizes), data.cvel, model.opt.timestep)
-    data.qvel[:] = start
-    mujoco.mj_comVel(model, data)
-    if taken:
-        data.qpos[:] = middle
+    if data.ncon and for_python(far_contacts.take_far_back)(w, start):
+        free = data.qvel.copy()
+        data.qpos[:], data.qvel[:] = middle, start
         _make_rows(model, data)
         mujoco.mj_referenceConstraint(model, data)
-    data.qvel[:] = free
-
-
-def _mend_contacts(model: mujoco.MjModel, data: mujoco.MjData, options: TemporaryOptions) -> bool:
-    """Correct contacts; return whether any has changed. See `problem.detection.contact_points`."""
-    nearer = data.ncon > 0 and find_nearest(model, data, beside=options.beside)
-    found, bodies = data.contact, (model.geom_bodyid, model.body_weldid, model.body_treeid)
-    shapes, at = (model.geom_type, model.geom_size, data.geom_xpos, data.geom_xmat), (model._address, data._address)
-    contacts = found.dist, found.pos, found.frame, found.geom
-    return bool(data.ncon > 0 and for_python(mend)(contacts, found.dim, bodies, shapes, at)) or nearer
+        data.qvel[:] = free
 
 
 def free_step(
+    w: World,
     model: mujoco.MjModel,
     data: mujoco.MjData,
     options: TemporaryOptions,
@@ -233,38 +179,8 @@ def free_step(
     data.qacc[:] = data.qacc_smooth
     data.qfrc_constraint[:] = 0.0
     options.integrator(model, data)
-    factor = (data.qH, data.qHDiagInv) if options.damped else (data.qLD, data.qLDiagInv)
-    metric = Inertia(*factor, model.M_rownnz, model.M_rowadr, model.M_colind)
     if inertial.act:
-        data.qvel[:] = inertial.settle(data, start, held, metric, model.opt.timestep)
-    return metric
-
-
-def limit_energy(
-    model: mujoco.MjModel, data: mujoco.MjData, inertial: InertialForces, start: np.ndarray, velocity: np.ndarray
-) -> None:
-    """Scale down velocities of trees that turn fast, so that they gain no more energy than forces and contact gave."""
-    end, forces = data.qpos.copy(), data.qfrc_smooth + data.qfrc_bias - inertial.gravity + data.qfrc_constraint
-    work = _of_trees(model, forces, model.opt.timestep * (velocity + data.qvel))
-    data.qpos[:] = start
-    update_frames(model, data)
-    allowed = np.maximum(0.0, _of_trees(model, _momentum(model, data, velocity), velocity) + work)
-    data.qpos[:] = end
-    update_frames(model, data)
-    found = _of_trees(model, _momentum(model, data, data.qvel), data.qvel)
-    share = np.sqrt(np.divide(allowed, found, out=np.ones_like(found), where=inertial.turning & (found > allowed)))
-    data.qvel *= share[model.dof_treeid]
-    mujoco.mj_comVel(model, data)
-
-
-def _momentum(model: mujoco.MjModel, data: mujoco.MjData, velocity: np.ndarray) -> np.ndarray:
-    """Return ``M v`` at the current state, (nv,)."""
-    momentum = np.empty(model.nv)
-    update_inertia(model, data)
-    mujoco.mj_mulM(model, data, momentum, velocity.copy())
-    return momentum
-
-
-def _of_trees(model: mujoco.MjModel, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return the inner product of two vectors, restricted to each tree of bodies, (ntree,)."""
-    return np.bincount(model.dof_treeid, one * other, model.ntree)
+        inertial.turning[:], room = False, np.empty(3 * model.nv)
+        for_python(settle)(w, start, held, inertial.used, inertial.turning, inertial.gravity, room)
+    factor = (data.qH, data.qHDiagInv) if options.damped else (data.qLD, data.qLDiagInv)
+    return Inertia(*factor, model.M_rownnz, model.M_rowadr, model.M_colind)

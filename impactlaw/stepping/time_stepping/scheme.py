@@ -39,14 +39,14 @@ from impactlaw.stepping.compiled.whitening import Inertia
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import check_input, empty_state, is_huge, restore_state, save_state
 from impactlaw.stepping.plan import Plan
+from impactlaw.stepping.time_stepping.compiled.end_of_step import begins_overlapping, correct_end, limit_energy
+from impactlaw.stepping.time_stepping.compiled.state.world import World
 from impactlaw.stepping.time_stepping.contact_impulses import ContactProblem
-from impactlaw.stepping.time_stepping.end_correction import EndCorrection
 from impactlaw.stepping.time_stepping.events import CollisionRecord, events_of
 from impactlaw.stepping.time_stepping.free_motion import (
     detect_farther,
     frames_of,
     free_step,
-    limit_energy,
     outrun,
     reach,
     take_far_back,
@@ -55,16 +55,15 @@ from impactlaw.stepping.time_stepping.free_motion import (
     update_inertia,
 )
 from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
-from impactlaw.stepping.time_stepping.problem.detection.passed_edges import PassedEdges
 from impactlaw.stepping.time_stepping.problem.forces import listed_stage, sense, write_forces
 from impactlaw.stepping.time_stepping.problem.gradient_turns import write_turns
-from impactlaw.stepping.time_stepping.problem.reader import RowReader
 from impactlaw.stepping.time_stepping.problem.rows import Known, Rows
 from impactlaw.stepping.time_stepping.problem.solution.scaling import RESERVE
 from impactlaw.stepping.time_stepping.problem.tiny_gaps import TOUCHING
 from impactlaw.stepping.time_stepping.temporary_options import TemporaryOptions
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, MANY_ROUNDS, WIDER_DETECTIONS
 from impactlaw.stepping.time_stepping.working_set import Outcome, WorkingSet
+from impactlaw.stepping.time_stepping.world import WorldMemory, errors_of_filter
 
 _ELLIPTIC = int(mujoco.mjtCone.mjCONE_ELLIPTIC)
 _ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
@@ -104,25 +103,21 @@ class TimeStepping:
         )
         self._friction = plan.friction
         self._surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces and model.nmocap else None
-        self._reader = RowReader(model, self._surfaces, frictional=plan.friction, touching=touching)
         self._options = TemporaryOptions(model)
-        self._sizes = np.zeros(model.nbody)
+        self._memory = WorldMemory(model)
         self.inertial = InertialForces(model)
         self._listed = listed_stage(model)
-        self._edges = PassedEdges(model, self._surfaces)
-        self._end_correction = EndCorrection(model, self._sizes, self._options, self._reader)
         self._state = empty_state(model)
         self._left: tuple[bytes, ...] = ()
         self._frames: tuple[bytes, ...] = ()
         self._known: Known | None = None
         self._collisions: tuple[CollisionRecord, ...] = ()
         self._rows: Rows | None = None
-        self._contacts = np.zeros((0, 2), np.int32), np.zeros(0)  # geoms and gaps of contacts in the middle of the step
+        self._contacts = np.zeros(0, np.int32), np.zeros(0)  # see `end_of_step.copy_contacts`
         self._counted = False
         self._metric = Inertia(*np.zeros((5, 0)))
         self._middle, self._velocity = np.zeros(0), np.zeros(0)
         self._gained = np.zeros(model.nv)  # change of velocity by forces in the last step, without contact
-        self._meet = 0.0  # speed of moving surfaces, m/s
         self._held = np.zeros(model.nv)  # change of velocity by contact in the last step, if nothing collided
         self.shortfall, self.short_steps, self.unlocated = 0.0, 0, 0
         self.solved, self._overflown = True, False
@@ -156,8 +151,6 @@ class TimeStepping:
         """Continue with these surfaces, moved by mocap bodies, if the scene has any."""
         if self._surfaces is not None:
             self._surfaces = surfaces
-            self._reader = RowReader(self.model, surfaces, frictional=self._friction, touching=self._touching)
-            self._edges = PassedEdges(self.model, surfaces)
 
     def resume(
         self, data: mujoco.MjData, known: Known, gained: np.ndarray, motion: LastMotion | None, *, solved: bool
@@ -196,6 +189,7 @@ class TimeStepping:
             float(self._listed),
             self.problem.meter,
             float(self._options.beside),
+            self._touching,
         )
 
     def step(self, data: mujoco.MjData) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:
@@ -233,16 +227,17 @@ class TimeStepping:
             self._known, self._gained, self._held = None, np.zeros(model.nv), np.zeros(model.nv)
         if self._surfaces is not None:
             self._surfaces.begin(data, h)
-        self._meet = 0.0 if self._surfaces is None else self._surfaces.speed
-        now = reach(model, data, self._gained, self._sizes, self._meet)
+        options = self._options
+        w = self._memory.world(data, self.settings(), self._surfaces, damped=options.damped)
+        now = reach(w, model, data, self._gained, self._memory.sizes)
         self._velocity, start = data.qvel.copy(), data.qpos.copy()
-        self._middle, self._overflown = to_midpoint(model, data, self._surfaces, self._options, now, self._sizes)
-        self._metric = free_step(model, data, self._options, self.inertial, self._velocity, self._held)
+        self._middle, self._overflown = to_midpoint(w, model, data, self._surfaces, options, now)
+        self._metric = free_step(w, model, data, options, self.inertial, self._velocity, self._held)
         self._gained, self._held = data.qvel - self._velocity, np.zeros(model.nv)
-        take_far_back(model, data, self._velocity, self._middle, self._sizes)
+        take_far_back(w, model, data, self._velocity, self._middle)
         shift, met = None, True
         if data.nefc:
-            shift, met = self._contact(data, start if same else None)
+            shift, met = self._contact(w, data, start if same else None)
         else:
             self._known, self.solved, data.ncon = None, self.solved and not self._overflown, 0
             self.short_steps += self._overflown
@@ -260,35 +255,34 @@ class TimeStepping:
         update_frames(model, data)
         model.opt.cone = _ELLIPTIC
         if self._rows is not None and met:  # overlaps that are squeezed cannot be opened
-            remains = self._end_correction.correct(data, self._rows, self._contacts, self._metric, self._meet)
+            with errors_of_filter():
+                remains = for_python(correct_end)(w, self._rows, *self._contacts)
             self.short_steps += remains and not self._counted
         if self.inertial.act and np.count_nonzero(self.inertial.turning):
-            limit_energy(model, data, self.inertial, start, self._velocity)
+            for_python(limit_energy)(w, start, self._velocity, self.inertial.turning, self.inertial.gravity)
         self._finish(data)
 
-    def _contact(self, data: mujoco.MjData, left: np.ndarray | None) -> tuple[np.ndarray | None, bool]:
+    def _contact(self, w: World, data: mujoco.MjData, left: np.ndarray | None) -> tuple[np.ndarray | None, bool]:
         """Add the effect of contact to the velocity; ``left``, (nq,), is where the last step has left data, if it has.
 
         Return the velocity that opens overlaps, if there are any to open, and whether the law is met.
         """
         working_set = WorkingSet(
-            self.model, self.problem, self._reader, self._edges, self.inertial, self._velocity, self._middle,
-            self._metric, np.ones(1), MANY_ROUNDS if self.solved else FEW_ROUNDS,
+            self.model, w, self.problem, self.inertial, self._friction, self._velocity, self._middle,
+            self._metric, self._memory.work, MANY_ROUNDS if self.solved else FEW_ROUNDS,
         )  # fmt: skip
         free = data.qvel.copy()
         outcome, farther, work = working_set.find(data, self._known), 0, 1.0
-        while outruns := self._outruns(data, outcome):
+        while outruns := self._outruns(w, data, outcome):
             work, used = working_set.work[0], work - working_set.work[0]
             if farther == WIDER_DETECTIONS or not work - RESERVE > used:  # a further attempt would find worse impulses
                 break
-            self._overflown = detect_farther(
-                self.model, data, self._options, self._velocity, free, self._middle, self._sizes, self._surfaces
-            )
+            self._overflown = detect_farther(w, self.model, data, self._options, self._velocity, free, self._middle)
             outcome, farther = working_set.find(data, outcome.known), farther + 1
         found, self._rows = outcome.impulses, outcome.rows
         self._collisions = found.collisions if found else ()
         gaps = np.where(data.contact.efc_address >= 0, data.contact.dist, np.inf)
-        self._contacts = data.contact.geom.copy(), gaps
+        self._contacts = data.contact.geom.reshape(-1).copy(), gaps
         data.qpos[:] = self._middle  # the integrator has changed it: limits are counted at the midpoint
         impulses = (outcome.rows, found.answer.impulse) if found else None
         write_forces(self.model, data, self._velocity, self._options.cone, impulses)
@@ -296,7 +290,8 @@ class TimeStepping:
         self.solved = met and not outcome.loses and not outruns
         self._counted = not (self.solved and outcome.rubs)
         if left is not None:
-            self._counted |= self._end_correction.begins_deep(outcome.rows, self._known, left)
+            keys = np.zeros(0, np.int64) if self._known is None else self._known.key
+            self._counted |= for_python(begins_overlapping)(w, outcome.rows, keys, left)
         self.short_steps += self._counted
         self._known = outcome.known if found else None
         if not found:
@@ -308,10 +303,10 @@ class TimeStepping:
         self.shortfall = answer.missed
         return (answer.shift if len(answer.shift) else None), met
 
-    def _outruns(self, data: mujoco.MjData, outcome: Outcome) -> bool:
+    def _outruns(self, w: World, data: mujoco.MjData, outcome: Outcome) -> bool:
         """Return whether a collision throws a body farther than contacts were looked for, although there was room."""
         collides = outcome.impulses is not None and len(outcome.impulses.collisions) > 0
-        return collides and not self._overflown and outrun(self.model, data, self._sizes)
+        return collides and not self._overflown and outrun(w, self.model, data)
 
     def _finish(self, data: mujoco.MjData) -> None:
         """Write the remaining outputs of a step beside the state."""

@@ -9,7 +9,7 @@ from impactlaw.scene.joint_limits import slack_ropes
 from impactlaw.scene.pairs import some_side_by_side
 from impactlaw.scene.tolerances import NEVER
 from impactlaw.stepping.integration import NO_DAMPING, damps
-from impactlaw.stepping.time_stepping.standing_cylinders import CYLINDER, PLANE
+from impactlaw.stepping.time_stepping.problem.detection.standing_cylinders import CYLINDER, PLANE
 
 EULER, RK4 = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtIntegrator.mjINT_RK4)
 _BODY = int(mujoco.mjtTrn.mjTRN_BODY)

@@ -10,12 +10,14 @@ import numpy as np
 from impactlaw.compiled import for_python
 from impactlaw.stepping.compiled.dense import sparse_jacobian
 from impactlaw.stepping.compiled.whitening import Inertia
+from impactlaw.stepping.time_stepping.compiled.impulses.forces import created as created_by
+from impactlaw.stepping.time_stepping.compiled.impulses.forces import forces_at, half, split, stale
+from impactlaw.stepping.time_stepping.compiled.impulses.rows import choose, look, rows_of
+from impactlaw.stepping.time_stepping.compiled.state.world import World
 from impactlaw.stepping.time_stepping.contact_impulses import ContactProblem, Start, StepImpulses
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, SMALL_PART, InertialForces
-from impactlaw.stepping.time_stepping.problem.detection.passed_edges import PassedEdges
 from impactlaw.stepping.time_stepping.problem.energy import add_before
 from impactlaw.stepping.time_stepping.problem.gradient_turns import write_recalled
-from impactlaw.stepping.time_stepping.problem.reader import RowReader
 from impactlaw.stepping.time_stepping.problem.rows import Known, Rows
 from impactlaw.stepping.time_stepping.problem.targets import write_closing
 from impactlaw.stepping.time_stepping.tolerances import (
@@ -65,10 +67,10 @@ class WorkingSet:
     """Finds the effect of contact in one step."""
 
     model: mujoco.MjModel  # the scene
+    world: World  # the same with its data, for functions of compiled steps
     problem: ContactProblem  # the contact problem under the law
-    reader: RowReader  # reader of rows
-    edges: PassedEdges  # finds contacts that bodies pass over
     inertial: InertialForces  # Coriolis and gyroscopic forces
+    frictional: bool  # whether contacts have friction
     velocity: np.ndarray  # velocity at the start of the step, (nv,)
     middle: np.ndarray  # configuration in the middle of the step, (nq,)
     metric: Inertia  # the inertia of the step
@@ -86,22 +88,13 @@ class WorkingSet:
         everything that closes. If Coriolis and gyroscopic forces create energy because of a collision, the collision is
         put between two half steps.
         """
-        free, h, begun = data.qvel.copy(), self.model.opt.timestep, self.work[0]
-        near, sets = self.reader.near(data, self.velocity, free, 2.0 * h), 1
-        doubtful = self.edges.leave_fast(data, self.velocity, near)
-        if np.count_nonzero(doubtful):
-            new = self.reader.near(data, free, free, h)
-            self.edges.pass_over(data, self.middle, near, new, doubtful)
-            self.edges.take_back(data, near, new, doubtful)
-        self.edges.leave_edges(data, near, doubtful)
-        doubts = np.count_nonzero(doubtful) > 0
+        free, begun, sets, jacobian = data.qvel.copy(), self.work[0], 1, sparse_jacobian(self.model, data)
+        (near, new), doubtful = np.empty((2, data.nefc), dtype=bool), np.zeros(data.ncon, dtype=bool)
+        doubts = for_python(choose)(self.world, jacobian, self.velocity, free, self.middle, near, new, doubtful)
         found, current = self._try(data, near, free, known), replace(self, rounds=FEW_ROUNDS)
         while True:
-            new = self.reader.near(data, data.qvel, data.qvel, h)
-            if doubts:
-                self.edges.pass_over(data, self.middle, near, new, doubtful)
-            new &= ~near
-            more, unseen = sets < SETS + PHASE_SETS, bool(np.count_nonzero(new))
+            for_python(look)(self.world, jacobian, self.middle, doubts, near, new, doubtful)
+            more, unseen = sets < SETS + PHASE_SETS, bool(np.count_nonzero(new & ~near))
             allowed = len(found.rows.row) <= PHASE_SET_ROWS if current.phases else sets < SETS
             if more and unseen and allowed:
                 near = near | new
@@ -115,27 +108,29 @@ class WorkingSet:
 
     def _lose_energy(self, data: mujoco.MjData, near: np.ndarray, free: np.ndarray, found: Outcome) -> Outcome:
         """Put a collision between two half steps if it creates energy together with inertial forces."""
-        forces, metric, v, h = self.inertial, self.metric, self.velocity, self.model.opt.timestep
+        w, forces, v, nv = self.world, self.inertial, self.velocity, self.world.nv
         if found.impulses is None or not found.impulses.collisions or not forces.act:
             return found
-        own = forces.created(data, v, h)
+        begin, end, used, mean, last, moved = np.zeros((6, nv))
+        own = for_python(created_by)(w, v, forces.used, mean)
         created = self._size(found.impulses.answer.work + own, found.rows)
         if not created > found.impulses.answer.rounding or self._size(own, found.rows) < SMALL_PART * created:
             return found
-        best, was, gravity = (self, free, created), np.inf, forces.at(data, np.zeros_like(v))
-        begin, begins = forces.half(data, v, gravity, metric, -h)
-        end, ends = forces.half(data, data.qvel, gravity, metric, h)
+        best, was, gravity, rates = (self, free, created), np.inf, forces.gravity, (forces.turning, mean, last)
+        for_python(forces_at)(w, np.zeros(nv), gravity)
+        begins = for_python(half)(w, v, gravity, -w.timestep, *rates, begin)
+        ends = for_python(half)(w, data.qvel, gravity, w.timestep, *rates, end)
         for _ in range(ROUNDS if begins and ends else 0):
-            moved = replace(self, moved=forces.kick(np.zeros_like(v), end - begin, metric, 0.5 * h))
-            free = forces.lead_to(data, v, gravity + 0.5 * (begin + end), metric, h)
-            found = moved._try(data, near, free, found.known, found.collided)
-            used, (end, _) = end, forces.half(data, data.qvel, gravity, metric, h)
-            mean = forces.kick(data.qvel, end, metric, 0.25 * h)
+            used[:], free = end, np.empty(nv)
+            for_python(split)(w, v, gravity, begin, end, mean, moved, free)
+            current = replace(self, moved=moved.copy())
+            found = current._try(data, near, free, found.known, found.collided)
+            for_python(half)(w, data.qvel, gravity, w.timestep, *rates, end)
             answer = found.impulses.answer if found.impulses else None
             work, rounding = (answer.work, answer.rounding) if answer else (0.0, 0.0)
-            created = self._size(work + 0.5 * h * float(mean @ (end - used)), found.rows)
+            created = self._size(work + for_python(stale)(w, data.qvel, end, used, mean), found.rows)
             if created < best[2]:
-                best = moved, free, created
+                best = current, free, created
             if not rounding < created < 0.5 * was:
                 break
             was = created
@@ -145,7 +140,7 @@ class WorkingSet:
 
     def _size(self, work: float, rows: Rows) -> float:
         """Return the energy that a collision creates; its absolute value if energy must not be lost, either."""
-        slides = self.reader.frictional and len(rows.scale) > len(rows.key)
+        slides = self.frictional and len(rows.scale) > len(rows.key)
         return abs(work) if self.problem.targets.restitution == 1.0 and not slides else work
 
     def _try(
@@ -157,7 +152,8 @@ class WorkingSet:
         collided: np.ndarray | None = None,
     ) -> Outcome:
         """Solve the problem of the rows that are near; between half steps, the same contacts collide as before."""
-        rows = self.reader.read(data, near, self.velocity, free, self.metric)
+        jacobian = sparse_jacobian(self.model, data)
+        rows = for_python(rows_of)(self.world, jacobian, near, self.velocity, free)
         if not len(rows.key):
             return Outcome(rows, None, known, free)
         if known is not None:
@@ -165,7 +161,7 @@ class WorkingSet:
         before = self.velocity
         if self.moved is not None:
             before = before + self.moved
-            for_python(add_before)(rows.sparse, rows.rates, sparse_jacobian(self.model, data), self.moved)
+            for_python(add_before)(rows.sparse, rows.rates, jacobian, self.moved)
             if collided is not None and not self.phases:
                 for_python(write_closing)(rows.groups, rows.amounts, rows.rates, self.model.opt.timestep, collided)
         step = Start(data, before, free, self.middle, self.metric, self.work)

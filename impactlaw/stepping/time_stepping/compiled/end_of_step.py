@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
+from numba import types
 
+from impactlaw.linked import linked, shared
 from impactlaw.solvers.cones.algebra.loops import (
     clear,
     cleared,
@@ -51,9 +53,10 @@ from impactlaw.stepping.compiled.fields import (
     put_int,
 )
 from impactlaw.stepping.compiled.left_out.tied_contacts import leave_tied_out
-from impactlaw.stepping.time_stepping.compiled.impulses.contact_problem import count, read
+from impactlaw.stepping.time_stepping.compiled.impulses.rows import count, read
 from impactlaw.stepping.time_stepping.compiled.model_copy import limit_margins, widen_limits
 from impactlaw.stepping.time_stepping.compiled.standing_cylinders import find_standing
+from impactlaw.stepping.time_stepping.compiled.state.kinds import BOOLEAN, MARKS, NUMBERS, WORLD
 from impactlaw.stepping.time_stepping.compiled.state.room import rows_at, rows_size
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import surface_speed
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World, metric_of, setting
@@ -70,7 +73,7 @@ from impactlaw.stepping.time_stepping.end_correction import (
 from impactlaw.stepping.time_stepping.margins import LEAST
 from impactlaw.stepping.time_stepping.problem.detection.nearest_points import add_ends, add_nearest
 from impactlaw.stepping.time_stepping.problem.overlaps import COUNTED, begins_deep, open_overlaps
-from impactlaw.stepping.time_stepping.problem.rows import entries_of
+from impactlaw.stepping.time_stepping.problem.rows import ROWS, entries_of
 
 _PYRAMIDAL, _ELLIPTIC = int(mujoco.mjtCone.mjCONE_PYRAMIDAL), int(mujoco.mjtCone.mjCONE_ELLIPTIC)
 _FRICTIONAL = np.bool_(True)
@@ -148,9 +151,9 @@ def write_acceleration(w, start):
         qacc[i] = (qvel[i] - start[i]) / w.timestep
 
 
-@kernel
+@linked(BOOLEAN(WORLD))
 def find_nearest(w):
-    """Do the same as `problem.detection.nearest_points.find_nearest`."""
+    """Do `add_nearest`, and `add_ends` where bodies can touch along a line; return whether anything was changed."""
     contacts, shapes, at = contacts_of(w), shapes_of(w), (w.model, w.data)
     dist, pos, frame, geom = contacts
     nearer = add_nearest(dist, pos, frame, geom, shapes[0], model_floats(w, MODEL.geom_margin, len(shapes[0])), at)
@@ -256,7 +259,7 @@ def _opens(w, rows, depth, slow):
     return opened
 
 
-@plain
+@shared(BOOLEAN(WORLD, ROWS, types.int32[::1], NUMBERS), counts=False)
 def correct_end(w, rows, pairs, gaps):
     """Open overlaps at the end of a step that gradients at the midpoint have not shown.
 
@@ -271,7 +274,7 @@ def correct_end(w, rows, pairs, gaps):
     return depth > COUNTED
 
 
-@plain
+@shared(BOOLEAN(WORLD, ROWS, types.int64[::1], NUMBERS), counts=False)
 def begins_overlapping(w, rows, known_key, start):
     """Return what `overlaps.begins_deep` returns, for the position at the start of the step, (nq,)."""
     nbody, ngeom = size(w, MODEL.nbody), size(w, MODEL.ngeom)
@@ -312,7 +315,7 @@ def _add_energies(w, velocity, sums):
     keep(momentum)
 
 
-@kernel
+@shared(types.void(WORLD, NUMBERS, NUMBERS, MARKS, NUMBERS))
 def limit_energy(w, start, velocity, turning, gravity):
     """Scale down velocities to the kinetic energy that forces allow; see `free_motion.limit_energy`."""
     qpos, after, now = data_floats(w, DATA.qpos, len(start)), velocity_of(w), copied(start)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from impactlaw.linked import shared
 from impactlaw.solvers.cones.algebra.loops import norm, plain
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
@@ -15,6 +16,7 @@ from impactlaw.stepping.compiled.access import (
     velocity_of,
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, floats
+from impactlaw.stepping.time_stepping.compiled.state.kinds import BOOLEAN, NUMBERS, WORLD
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import surface_speed
 from impactlaw.stepping.time_stepping.problem.detection import far_contacts
 
@@ -31,10 +33,14 @@ def _contacts(w):
 
 @plain
 def leave_far_out(w, now):
-    """Mark contacts that are too far away at two velocities of bodies, ``now``, (nbody, 6), and those of data."""
+    """Mark contacts that are too far away at velocities of bodies, ``now``, (nbody, 6), and those of data.
+
+    Return whether there are any.
+    """
     contacts, bodies, shape = _contacts(w)
     led_to, gravity = data_floats(w, DATA.cvel, now.shape), floats(w.model + offset(w, MODEL.opt_gravity), 3)
-    far_contacts.leave_far_out(contacts, bodies, shape, now, led_to, surface_speed(w), w.timestep, norm(gravity))
+    moves = now, led_to, surface_speed(w), w.timestep, norm(gravity)
+    return far_contacts.leave_far_out(contacts, bodies, shape, *moves)
 
 
 @plain
@@ -45,7 +51,7 @@ def far_ones_close(w):
     return far_contacts.some_close(contacts, bodies, shape, velocity, w.timestep)
 
 
-@plain
+@shared(BOOLEAN(WORLD, NUMBERS), counts=False)
 def take_far_back(w, start):
     """Take contacts back that were left out if forces can close one; return whether rows must be made again.
 

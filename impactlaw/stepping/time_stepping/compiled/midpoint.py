@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
+from numba import types
 
+from impactlaw.linked import shared
 from impactlaw.solvers.cones.algebra.loops import clear, equal, norm, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
@@ -38,6 +40,7 @@ from impactlaw.stepping.time_stepping.compiled.impulses.forces import settle
 from impactlaw.stepping.time_stepping.compiled.limits import hide_far_limits, narrow_limits
 from impactlaw.stepping.time_stepping.compiled.model_copy import widen_limits
 from impactlaw.stepping.time_stepping.compiled.standing_cylinders import find_standing
+from impactlaw.stepping.time_stepping.compiled.state.kinds import BOOLEAN, NUMBERS, TABLE, WORLD
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, are_left, forget
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import (
     begin_surfaces,
@@ -62,7 +65,7 @@ def to_middle(w, counts, left, frames, gained, held, start, middle, bias, turnin
     Only limits that joints can reach are looked for.
     """
     _begin(w, counts, left, frames, gained, held, loaded)
-    _set_margins(w, gained, work)
+    _prepare_margins(w, gained, work)
     narrow_limits(w, gained)
     put(start, velocity_of(w))
     full = _to_midpoint(w, start, margins, middle, work)
@@ -90,7 +93,7 @@ def _begin(w, counts, left, frames, gained, held, loaded):
 
 
 @plain
-def _set_margins(w, gained, work):
+def _prepare_margins(w, gained, work):
     """Set margins such that MuJoCo finds the contacts that bodies can reach in this step; see `margins.write_margins`.
 
     ``work``, (6 nbody + max(nv, 5 nbody),), is scratch space.
@@ -104,7 +107,7 @@ def _set_margins(w, gained, work):
         qvel[i] += gained[i]
     mj.com_vel(w.model, w.data)
     put(qvel, kept[: w.nv])
-    _write_margins(w, now, data_floats(w, DATA.cvel, (nbody, 6)), work[6 * nbody :])
+    set_margins(w, now, data_floats(w, DATA.cvel, (nbody, 6)), work[6 * nbody :])
 
 
 @plain
@@ -120,8 +123,9 @@ def _places(w):
     return bodies, (of, kind, place, turn, box)
 
 
-@plain
-def _write_margins(w, now, led_to, work):
+@shared(types.void(WORLD, TABLE, TABLE, NUMBERS), counts=False)
+def set_margins(w, now, led_to, work):
+    """Write margins for velocities of bodies, see `margins.write_margins`; ``work``, (5 nbody,), is scratch space."""
     nbody, ngeom = size(w, MODEL.nbody), size(w, MODEL.ngeom)
     npair, ntendon = size(w, MODEL.npair), size(w, MODEL.ntendon)
     gravity, (bodies, shapes) = floats(w.model + offset(w, MODEL.opt_gravity), 3), _places(w)
@@ -157,7 +161,7 @@ def find_sizes(w, sizes, carriers):
         )  # fmt: skip
 
 
-@plain
+@shared(BOOLEAN(WORLD, NUMBERS), counts=False)
 def outrun(w, work):
     """Return whether a collision throws a body farther than contacts were looked for; see `free_motion.outrun`.
 
@@ -181,7 +185,7 @@ def detect_farther(w, start, free, middle, margins, work):
     put(data_floats(w, DATA.qpos, len(middle)), middle)
     put(qvel, start)
     mj.com_vel(w.model, w.data)
-    _write_margins(w, data_floats(w, DATA.cvel, (nbody, 6)), led_to, work[6 * nbody :])
+    set_margins(w, data_floats(w, DATA.cvel, (nbody, 6)), led_to, work[6 * nbody :])
     np.maximum(margins, before, margins)
     full = _find_contacts(w, margins, led_to[:0])
     mj.fwd_velocity(w.model, w.data)
@@ -211,7 +215,7 @@ def detect_limits(w, start, free, middle):
 def _to_midpoint(w, start, margins, middle, work):
     """Move bodies to the middle of the step, and compute all forces except those of contact there.
 
-    ``work`` begins with velocities of bodies, see `_set_margins`. Return whether MuJoCo had no room for all contacts.
+    ``work`` begins with velocities of bodies, see `_prepare_margins`. Return whether MuJoCo lacked room for contacts.
     """
     if w.surfaces != 0:
         place_surfaces(w)
@@ -269,9 +273,7 @@ def _find(w, now):
     mj.fwd_position(w.model, w.data)
     put_int(at, flags)
     mended = find_standing(w, twice)
-    mended = _mend_contacts(w) or mended
-    if not twice and len(now) > 0:
-        leave_far_out(w, now)
+    mended = mend_contacts(w, now[:0] if twice else now) or mended
     if mended or not twice:
         _make_rows(w)
 
@@ -284,13 +286,18 @@ def _make_rows(w):
         mj.project_constraint(w.model, w.data)
 
 
-@plain
-def _mend_contacts(w):
-    """Correct contacts as `free_motion._mend_contacts` does; return whether any was changed."""
-    if number(w, DATA.ncon) == 0:
-        return False
-    nearer, dim = find_nearest(w), contact_ints(w, CONTACT.dim, 1)[:, 0]
-    return mend(contacts_of(w), dim, bodies_of(w), shapes_of(w), (w.model, w.data)) or nearer
+@shared(BOOLEAN(WORLD, TABLE), counts=False)
+def mend_contacts(w, now):
+    """Correct contacts, see `contact_points.mend`, and leave out those that are too far away; return whether any is.
+
+    These are contacts that cannot close at velocities of bodies, ``now``, (nbody, 6), or those of data; none if it is
+    empty.
+    """
+    mended = False
+    if number(w, DATA.ncon) > 0:
+        nearer, dim = find_nearest(w), contact_ints(w, CONTACT.dim, 1)[:, 0]
+        mended = mend(contacts_of(w), dim, bodies_of(w), shapes_of(w), (w.model, w.data)) or nearer
+    return (len(now) > 0 and leave_far_out(w, now)) or mended
 
 
 @plain

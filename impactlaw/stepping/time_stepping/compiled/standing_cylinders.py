@@ -1,9 +1,10 @@
-"""Contacts of cylinders that stand on planes, in compiled code; see `time_stepping.standing_cylinders`."""
+"""Contacts of cylinders that stand on planes, in compiled code; see `problem.detection.standing_cylinders`."""
 
 from __future__ import annotations
 
+from impactlaw.linked import shared
 from impactlaw.scene.corrected.rounding import measure_standing
-from impactlaw.solvers.cones.algebra.loops import kernel, numbers, put
+from impactlaw.solvers.cones.algebra.loops import numbers, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
     contacts_of,
@@ -16,14 +17,20 @@ from impactlaw.stepping.compiled.access import (
     size,
 )
 from impactlaw.stepping.compiled.fields import DATA, MODEL, floats, keep
+from impactlaw.stepping.time_stepping.compiled.state.kinds import BOOLEAN, WORLD
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import ROW, velocities_of
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
-from impactlaw.stepping.time_stepping.standing_cylinders import make_upright
+from impactlaw.stepping.time_stepping.problem.detection.standing_cylinders import make_upright
 
 
-@kernel
+@shared(BOOLEAN(WORLD, BOOLEAN))
 def find_standing(w, found):
-    """Do the same as `standing_cylinders.find_standing`, in scenes in which cylinders can stand on planes."""
+    """Find contacts, and measure the gaps of cylinders that stand on planes again; return whether any has changed.
+
+    Args:
+        w: the world with current frames of geoms.
+        found: whether MuJoCo has found the contacts of this state already.
+    """
     if setting(w, SETTING.stands) == 0.0:
         if not found:
             mj.collision(w.model, w.data)

@@ -6,19 +6,11 @@ from typing import NamedTuple
 
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import clear, once, plain
-from impactlaw.stepping.compiled.access import (
-    contact_floats,
-    contact_ints,
-    data_floats,
-    data_ints,
-    layout_of_trees,
-    number,
-    velocity_of,
-)
-from impactlaw.stepping.compiled.fields import CONTACT, DATA
-from impactlaw.stepping.compiled.left_out.tied_contacts import leave_tied_out
+from impactlaw.stepping.compiled.access import data_floats, number, velocity_of
+from impactlaw.stepping.compiled.fields import DATA
 from impactlaw.stepping.time_stepping.compiled.impulses.answer import NO_ANSWER, Solved, goes_on, lost, scalable, solve
 from impactlaw.stepping.time_stepping.compiled.impulses.phases import resolve_in_phases
+from impactlaw.stepping.time_stepping.compiled.impulses.rows import count, read
 from impactlaw.stepping.time_stepping.compiled.state.kinds import (
     BOOLEAN,
     INTEGER,
@@ -36,16 +28,8 @@ from impactlaw.stepping.time_stepping.compiled.state.surfaces import add_surface
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, metric_of, setting
 from impactlaw.stepping.time_stepping.problem.energy import add_before
 from impactlaw.stepping.time_stepping.problem.gradient_turns import write_recalled
-from impactlaw.stepping.time_stepping.problem.rows import (
-    JACOBIAN,
-    KNOWN,
-    Source,
-    count_groups,
-    find_near,
-    write_rows,
-)
+from impactlaw.stepping.time_stepping.problem.rows import JACOBIAN, KNOWN
 from impactlaw.stepping.time_stepping.problem.targets import write_closing
-from impactlaw.stepping.time_stepping.problem.tiny_gaps import TOUCHING
 
 
 class Outcome(NamedTuple):
@@ -58,55 +42,6 @@ class Outcome(NamedTuple):
     # jam, no work was left to find how much restitution creates no energy, or contacts are left out that the resulting
     # velocity would close
     later: bool
-
-
-@plain
-def near(w, jacobian, one, other, reach, found):
-    """Write which rows begin a contact or limit that is closed or would soon be, (nefc,); see `rows.find_near`."""
-    n = number(w, DATA.nefc)
-    if surfaces_move(w):  # surfaces come near to bodies that do not move
-        found[:] = True
-    else:
-        kinds, position = data_ints(w, DATA.efc_type, n), data_floats(w, DATA.efc_pos, n)
-        address = contact_ints(w, CONTACT.efc_address, 1)[:, 0]
-        find_near(kinds, position, jacobian, address, one, other, reach, found)
-    leave_tied_out(w, jacobian, found)
-
-
-@plain
-def count(w, chosen, frictional):
-    """Return the number of chosen groups, and the number of their rows; see `rows.count_groups`."""
-    n, dim = number(w, DATA.nefc), contact_ints(w, CONTACT.dim, 1)[:, 0]
-    kinds, number_of = data_ints(w, DATA.efc_type, n), data_ints(w, DATA.efc_id, n)
-    return count_groups(kinds, number_of, dim, contact_floats(w, CONTACT.friction, 5), chosen, frictional)
-
-
-@plain
-def read(w, jacobian, metric, velocity, start, free, chosen, frictional, mark, room, rows):
-    """Write the rows of the chosen groups; see `reader.read_rows`.
-
-    Args:
-        w: the world with current contacts.
-        jacobian: `access.jacobian_of`, without zeros.
-        metric: the mass matrix of the step.
-        velocity: velocities of MuJoCo's rows, including belts, (nefc,); (0,) to leave belts out.
-        start: velocity at the start, (nv,).
-        free: velocity without contact, (nv,).
-        chosen: chosen rows of MuJoCo's, bool (nefc,).
-        frictional: whether rows of friction take part.
-        mark: marks of trees, False.
-        room: scratch space, (2 nv,).
-        rows: written.
-    """
-    n = number(w, DATA.nefc)
-    source = Source(
-        data_ints(w, DATA.efc_type, n), data_ints(w, DATA.efc_id, n), data_floats(w, DATA.efc_pos, n), velocity,
-        data_floats(w, DATA.efc_aref, n), data_floats(w, DATA.efc_R, n), data_floats(w, DATA.efc_frictionloss, n),
-        jacobian, contact_ints(w, CONTACT.dim, 1)[:, 0], contact_ints(w, CONTACT.geom, 2),
-        contact_floats(w, CONTACT.friction, 5),
-    )  # fmt: skip
-    trees = layout_of_trees(w)
-    return write_rows(source, metric, trees, start, free, chosen, w.timestep, frictional, TOUCHING, mark, room, rows)
 
 
 @once

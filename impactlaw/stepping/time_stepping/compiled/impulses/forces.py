@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
+from numba import types
 
+from impactlaw.linked import shared
 from impactlaw.solvers.cones.algebra.loops import clear, kernel, norm, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import data_floats, model_ints, size, velocity_of
 from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of
 from impactlaw.stepping.compiled.whitening import apply_inverse
+from impactlaw.stepping.time_stepping.compiled.state.kinds import BOOLEAN, MARKS, NUMBERS, WORLD
 from impactlaw.stepping.time_stepping.compiled.state.world import metric_of
 from impactlaw.stepping.time_stepping.inertial_forces import FAST, HALF_ROUNDS, HALF_SETTLED, ROUNDS, SETTLED, STILL
 
@@ -61,7 +64,7 @@ def kick(w, velocity, h, force):
         force[i] = velocity[i] + h * force[i]
 
 
-@kernel
+@shared(BOOLEAN(WORLD, NUMBERS, NUMBERS, types.float64, MARKS, *[NUMBERS] * 3), counts=False)
 def half(w, velocity, gravity, h, turning, mean, before, force):
     """Write the forces in half a step that ends at a velocity, or begins there if h < 0, without gravity.
 
@@ -102,6 +105,31 @@ def created(w, start, used, bias):
 
 
 @plain
+def split(w, start, gravity, begin, end, bias, moved, free):
+    """Write the velocity added before a collision between two half steps, and the velocity without contact.
+
+    ``bias`` is scratch space; all are (nv,).
+    """
+    for i in range(w.nv):
+        moved[i], bias[i] = end[i] - begin[i], 0.0
+    kick(w, bias, 0.5 * w.timestep, moved)
+    for i in range(w.nv):
+        bias[i] = gravity[i] + 0.5 * (begin[i] + end[i])
+    lead_to(w, start, bias, free)
+
+
+@plain
+def stale(w, after, end, used, mean):
+    """Return the energy due to a half step with other forces than its own, J; ``mean`` is scratch space."""
+    put(mean, end)
+    kick(w, after, 0.25 * w.timestep, mean)
+    energy = 0.0
+    for i in range(w.nv):
+        energy += mean[i] * (end[i] - used[i])
+    return 0.5 * w.timestep * energy
+
+
+@plain
 def _find_fast(w, velocity, turning):
     """Mark the trees of bodies that turn by a large angle in a timestep; return whether there are any."""
     joints, tree, some = size(w, MODEL.njnt), model_ints(w, MODEL.dof_treeid, w.nv), False
@@ -127,7 +155,7 @@ def _is_loose(w, before, free, t):
     return change > SETTLED * largest + STILL or not norm(free[first:end]) < np.inf
 
 
-@kernel
+@shared(types.void(WORLD, *[NUMBERS] * 3, MARKS, NUMBERS, NUMBERS), counts=False)
 def settle(w, start, held, bias, turning, gravity, room):
     """Set qvel to the velocity without contact; mark the trees of bodies that turn too fast for the timestep.
 

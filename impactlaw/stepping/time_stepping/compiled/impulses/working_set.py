@@ -12,16 +12,10 @@ from impactlaw.stepping.time_stepping.compiled.impulses.answer import Solved
 from impactlaw.stepping.time_stepping.compiled.impulses.contact_problem import (
     Outcome,
     attempt,
-    near,
     sees_more,
 )
-from impactlaw.stepping.time_stepping.compiled.impulses.forces import created, forces_at, half, kick, lead_to
-from impactlaw.stepping.time_stepping.compiled.impulses.passed_edges import (
-    contacts_at,
-    doubt_fast,
-    geometry_of,
-    look_ahead,
-)
+from impactlaw.stepping.time_stepping.compiled.impulses.forces import created, forces_at, half, split, stale
+from impactlaw.stepping.time_stepping.compiled.impulses.rows import choose, look
 from impactlaw.stepping.time_stepping.compiled.limits import passes_limit
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, remember_so_far
 from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, keep_known, known_at, rows_at, velocities_at
@@ -29,8 +23,6 @@ from impactlaw.stepping.time_stepping.compiled.state.status import FINE, UNSEEN
 from impactlaw.stepping.time_stepping.compiled.state.sums import SUMS
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, SMALL_PART
-from impactlaw.stepping.time_stepping.problem.detection.fast_bodies import some_can_pass, take_back
-from impactlaw.stepping.time_stepping.problem.detection.floor_edges import leave_edges
 from impactlaw.stepping.time_stepping.problem.energy import is_met
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import TOLERANCE
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, PHASE_SET_ROWS, PHASE_SETS, SETS
@@ -85,17 +77,10 @@ def find_impulses(
         room: see `state.room`.
         narrow: whether limits of joints were left out; the status is `UNSEEN` if one of them would be passed.
     """
-    h, qvel, free, sets, phases = w.timestep, velocity_of(w), velocities_at(room, 0, 1), 1, _AT_ONCE
+    h, free, sets, phases = w.timestep, velocities_at(room, 0, 1), 1, _AT_ONCE
     still, unseen, begun = free[:0], False, floats(w.work, 1)[0]
-    put(free, qvel)
-    near(w, jacobian, start, free, 2.0 * h, chosen)
-    passes = some_can_pass(contacts_at(w), geometry_of(w)[0], chosen)
-    doubts = passes and doubt_fast(w, start, chosen, doubtful)
-    if doubts:
-        near(w, jacobian, free, free, h, seen)
-        look_ahead(w, jacobian, middle, chosen, seen, doubtful)
-        take_back(contacts_at(w), chosen, seen, doubtful)
-    doubts = (passes and leave_edges(contacts_at(w), geometry_of(w), chosen, doubtful)) or doubts
+    put(free, velocity_of(w))
+    doubts = choose(w, jacobian, start, free, middle, chosen, seen, doubtful)
     found = attempt(
         w, jacobian, chosen, start, still, free, known, rounds, law, phases, mark, room, floats(room.sums, SUMS)
     )  # fmt: skip
@@ -105,9 +90,7 @@ def find_impulses(
             if sets == 1:
                 _keep(w, memory, room, found)
             return Outcome(0, 0, _UNSEEN, False)
-        near(w, jacobian, qvel, qvel, h, seen)
-        if doubts:
-            look_ahead(w, jacobian, middle, chosen, seen, doubtful)
+        look(w, jacobian, middle, doubts, chosen, seen, doubtful)
         more, unseen = sets < SETS + PHASE_SETS, sees_more(chosen, seen)
         allowed = found.rows <= PHASE_SET_ROWS if phases else sets < SETS
         met = is_met(found.solved.missed, found.solved.fastest)
@@ -154,12 +137,12 @@ def _less_energy(w, law, start, bias, turning, gravity, free, jacobian, chosen, 
     least, was, rounds = gains, np.inf, ROUNDS if settled else 0
     for _ in range(rounds):
         put(used, end)
-        _split(w, start, gravity, begin, used, mean, moved, free)
+        split(w, start, gravity, begin, used, mean, moved, free)
         found = _again(w, law, start, moved, free, jacobian, chosen, mark, room, found, phases)
         if found.solved.status != FINE:
             return found
         half(w, after, gravity, h, turning, mean, last, end)
-        gains = _size(w, found.solved.work + _stale(w, after, end, used, mean), found)
+        gains = _size(w, found.solved.work + stale(w, after, end, used, mean), found)
         if gains < least:
             least = gains
             put(best, free)
@@ -171,31 +154,6 @@ def _less_energy(w, law, start, bias, turning, gravity, free, jacobian, chosen, 
         found = _again(w, law, start, best[w.nv :], best[: w.nv], jacobian, chosen, mark, room, found, phases)
     mj.com_vel(w.model, w.data)
     return found
-
-
-@plain
-def _split(w, start, gravity, begin, end, bias, moved, free):
-    """Write the velocity added before a collision between two half steps, and the velocity without contact.
-
-    ``bias`` is scratch space; all are (nv,).
-    """
-    for i in range(w.nv):
-        moved[i], bias[i] = end[i] - begin[i], 0.0
-    kick(w, bias, 0.5 * w.timestep, moved)
-    for i in range(w.nv):
-        bias[i] = gravity[i] + 0.5 * (begin[i] + end[i])
-    lead_to(w, start, bias, free)
-
-
-@plain
-def _stale(w, after, end, used, mean):
-    """Return the energy due to a half step with other forces than its own, J; ``mean`` is scratch space."""
-    put(mean, end)
-    kick(w, after, 0.25 * w.timestep, mean)
-    energy = 0.0
-    for i in range(w.nv):
-        energy += mean[i] * (end[i] - used[i])
-    return 0.5 * w.timestep * energy
 
 
 @plain

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -13,7 +13,9 @@ from impactlaw.stepping.compiled import law_table
 from impactlaw.stepping.time_stepping.compiled.state.status import FINE, UNKNOWN
 from impactlaw.stepping.time_stepping.problem.drifting_equalities import square_of
 from impactlaw.stepping.time_stepping.problem.targets import reached_groups
-from impactlaw.stepping.time_stepping.scheme import TimeStepping
+
+if TYPE_CHECKING:
+    from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
 Array = np.ndarray[Any, Any]
 

@@ -30,6 +30,7 @@ class Settings(NamedTuple):
     listed: int = 13  # see `forces.listed_stage`
     meter: int = 14  # see `scene.tolerances.meter`
     beside: int = 15  # 1 if cylinders can touch side by side
+    touching: int = 16  # gap, m or rad, up to which bodies at rest touch
 
 
 SETTING = Settings()

@@ -12,7 +12,6 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.compiled import for_python
 from impactlaw.scene.corrected.side_by_side import END, find_ends, some_can_lie
 from impactlaw.scene.tolerances import APART, PARALLEL
 from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain
@@ -176,14 +175,3 @@ def add_ends(contacts, reach, shapes, at):
         added += 1
     _insert(dist, pos, frame, dist.strides[0], first, added)
     return some
-
-
-def find_nearest(model: mujoco.MjModel, data: mujoco.MjData, *, beside: bool) -> bool:
-    """Do the same as `add_nearest`, and as `add_ends` where cylinders can touch side by side, with data's contacts."""
-    found, at = data.contact, (model._address, data._address)
-    kind, contacts = model.geom_type, (found.dist, found.pos, found.frame, found.geom)
-    nearer = bool(for_python(add_nearest)(*contacts, kind, model.geom_margin, at))
-    if not beside:
-        return nearer
-    shapes = kind, model.geom_size, data.geom_xpos, data.geom_xmat
-    return bool(for_python(add_ends)(contacts, found.includemargin, shapes, at)) or nearer

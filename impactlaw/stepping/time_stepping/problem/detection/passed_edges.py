@@ -7,22 +7,15 @@ the way there. Only contacts of bodies that overlap there take part.
 
 from __future__ import annotations
 
-from functools import cached_property
-
-import mujoco
 import numpy as np
 
-from impactlaw.compiled import for_python
-from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.scene.tolerances import APART
 from impactlaw.solvers.cones.algebra.loops import cleared, kernel, plain, put
 from impactlaw.solvers.cones.algebra.vectors import dot, minus
 from impactlaw.stepping.compiled import libmujoco as mj
-from impactlaw.stepping.compiled.dense import sparse_jacobian
 from impactlaw.stepping.compiled.left_out.hidden_edges import moving_side
 from impactlaw.stepping.time_stepping.problem.detection.carriers import carried, carry_on
-from impactlaw.stepping.time_stepping.problem.detection.fast_bodies import leave_fast, take_back, thickness
-from impactlaw.stepping.time_stepping.problem.detection.floor_edges import leave_edges
+from impactlaw.stepping.time_stepping.problem.detection.fast_bodies import thickness
 
 _PASSED = 3e-6
 """Overlap, m, up to which a body passes over an edge."""
@@ -118,75 +111,3 @@ def _hits(geom, address, at, chosen, seen, doubtful, hit):
                 hit[k] = hit[k] or gap < -_PASSED
                 many += not hit[k]
     return many
-
-
-class PassedEdges:
-    """Finds contacts that bodies pass, in steps that are taken in Python.
-
-    Args:
-        model: the scene.
-        surfaces: surfaces that move during the step; None if there are none.
-    """
-
-    def __init__(self, model: mujoco.MjModel, surfaces: Surfaces | None):
-        self._model, self._surfaces = model, surfaces
-
-    def leave_fast(self, data: mujoco.MjData, start: np.ndarray, near: np.ndarray) -> np.ndarray:
-        """Return doubtful contacts, bool (ncon,), for the velocity at the start of the step, (nv,).
-
-        The rows of these contacts are taken out of those that are near. See `fast_bodies.leave_fast`.
-        """
-        doubtful, model, free = np.zeros(data.ncon, dtype=bool), self._model, data.qvel.copy()
-        data.qvel[:] = start
-        mujoco.mj_comVel(model, data)  # inertial forces have left velocities of bodies at another velocity
-        data.qvel[:] = free
-        motion = data.cvel, data.subtree_com, model.geom_aabb, model.opt.timestep, data.geom_xmat
-        for_python(leave_fast)(_contacts(data), self._geometry(), motion, self._carriers(data), near, doubtful)
-        return doubtful
-
-    def take_back(self, data: mujoco.MjData, near: np.ndarray, seen: np.ndarray, doubtful: np.ndarray) -> None:
-        """See `fast_bodies.take_back`."""
-        for_python(take_back)(_contacts(data), near, seen, doubtful)
-
-    def leave_edges(self, data: mujoco.MjData, near: np.ndarray, doubtful: np.ndarray) -> None:
-        """See `floor_edges.leave_edges`."""
-        for_python(leave_edges)(_contacts(data), self._geometry(), near, doubtful)
-
-    def pass_over(
-        self, data: mujoco.MjData, middle: np.ndarray, near: np.ndarray, seen: np.ndarray, doubtful: np.ndarray
-    ) -> None:
-        """Take the rows of contacts that bodies pass out of those that the velocity of data closes.
-
-        Args:
-            data: the state with current contacts.
-            middle: q_M, (nq,).
-            near: MuJoCo's rows that take part already, bool (nefc,).
-            seen: those that the velocity closes, bool (nefc,); written.
-            doubtful: contacts that bodies may pass, bool (ncon,).
-        """
-        model = self._model
-        velocity, other = data.qvel.copy(), self._other
-        at = model._address, other._address, other.qpos.ctypes.data, velocity.ctypes.data
-        for_python(pass_over)(
-            _contacts(data), self._geometry(), model.geom_aabb, self._carriers(data), sparse_jacobian(model, data),
-            velocity, model.opt.timestep, middle, (other.qpos, other.mocap_pos, other.mocap_quat), at, near, seen,
-            doubtful,
-        )  # fmt: skip
-
-    @cached_property
-    def _other(self) -> mujoco.MjData:
-        """Other data of the model."""
-        return mujoco.MjData(self._model)
-
-    def _carriers(self, data: mujoco.MjData) -> tuple[np.ndarray, ...]:
-        velocity = np.zeros((0, 6)) if self._surfaces is None else self._surfaces.middle_velocity
-        return data.mocap_pos, data.mocap_quat, velocity
-
-    def _geometry(self) -> tuple[np.ndarray, ...]:
-        m = self._model
-        return m.geom_type, m.geom_bodyid, m.body_weldid, m.body_treeid, m.body_rootid, m.body_mocapid
-
-
-def _contacts(data: mujoco.MjData) -> tuple[np.ndarray, ...]:
-    found = data.contact
-    return found.dist, found.pos, found.frame, found.geom, found.efc_address

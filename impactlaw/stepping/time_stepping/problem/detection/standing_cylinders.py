@@ -12,11 +12,8 @@ gravity and the velocity tip the cylinder: otherwise a cylinder that can stand w
 from __future__ import annotations
 
 import mujoco
-import numpy as np
 
-from impactlaw.compiled import for_python
-from impactlaw.scene.corrected.rounding import measure_standing, upright
-from impactlaw.scene.moving_surfaces import Surfaces
+from impactlaw.scene.corrected.rounding import upright
 from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.solvers.cones.algebra.vectors import across, axis_of, cross, dot, minus, plus, row, times, unit
 from impactlaw.stepping.time_stepping.problem.detection.carriers import carried_at
@@ -25,7 +22,6 @@ PLANE, CYLINDER = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_CY
 _FLAT = 1e-7  # m: difference of heights around the rim of an upright cylinder
 _SLOW = 1e-9  # m/s: speed up to which a velocity has no direction
 _WEAK = 1e-9  # m/s^2: gravity along the plane up to which it has no direction
-_REST = np.empty((0, 6))
 
 
 @plain
@@ -92,30 +88,3 @@ def make_upright(kind, size, place, turn, margins, motion, kept):
             for i in range(3):
                 turn[own, 3 * i], turn[own, 3 * i + 1], turn[own, 3 * i + 2] = to[i], second[i], normal[i]
     return some
-
-
-def find_standing(
-    model: mujoco.MjModel, data: mujoco.MjData, *, found: bool = False, surfaces: Surfaces | None = None
-) -> bool:
-    """Find contacts, and measure the gaps of cylinders that stand on planes again; return whether any has changed.
-
-    Args:
-        model: the scene.
-        data: its state, with current frames of geoms.
-        found: whether MuJoCo has found the contacts of this state already.
-        surfaces: moving surfaces, unless these are at rest.
-    """
-    frames, kept = (model.geom_size, data.geom_xpos, data.geom_xmat), np.empty_like(data.geom_xmat)
-    motion = (
-        data.cvel, data.subtree_com, model.body_rootid, model.geom_bodyid, model.opt.gravity,
-        model.body_mocapid, data.mocap_pos, _REST if surfaces is None else surfaces.end_velocity,
-    )  # fmt: skip
-    margins = model.geom_margin, model.pair_margin
-    changed = bool(for_python(make_upright)(model.geom_type, *frames, margins, motion, kept))
-    if changed or not found:
-        mujoco.mj_collision(model, data)
-    if changed:
-        data.geom_xmat[:] = kept
-    contact = data.contact
-    places = contact.geom, contact.dist, contact.pos, contact.frame
-    return bool(data.ncon and for_python(measure_standing)(model.geom_type, *frames, *places)) or changed
