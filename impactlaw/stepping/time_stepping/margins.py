@@ -157,7 +157,7 @@ def write_margins(
     margin is chosen such that few geoms meet: the fingers of a hand that swings move together, and would find each
     other from as far as they move if the margin for the floor were theirs. Slow bodies, and those of
     mechanisms of a few geoms, have the margin for all of their motion: finding some contacts in vain costs less than
-    that choice. Limits of joints and tendons are always found; those that are far are left out by `reader.read_rows`.
+    that choice. Limits of joints and tendons are always found; those that are far are left out by `rows.find_near`.
 
     Args:
         body_margin: margins of bodies, (nbody,), written.

@@ -317,7 +317,7 @@ def _add_energies(w, velocity, sums):
 
 @shared(types.void(WORLD, NUMBERS, NUMBERS, MARKS, NUMBERS))
 def limit_energy(w, start, velocity, turning, gravity):
-    """Scale down velocities to the kinetic energy that forces allow; see `free_motion.limit_energy`."""
+    """Scale down velocities of trees that turn fast, so that they gain no more energy than forces and contact gave."""
     qpos, after, now = data_floats(w, DATA.qpos, len(start)), velocity_of(w), copied(start)
     tree, trees, force = model_ints(w, MODEL.dof_treeid, w.nv), size(w, MODEL.ntree), numbers(w.nv)
     allowed, found = zeros(trees), zeros(trees)

@@ -163,7 +163,7 @@ def find_sizes(w, sizes, carriers):
 
 @shared(BOOLEAN(WORLD, NUMBERS), counts=False)
 def outrun(w, work):
-    """Return whether a collision throws a body farther than contacts were looked for; see `free_motion.outrun`.
+    """Return whether a collision throws a body farther than contacts were looked for.
 
     The velocities of bodies must be those after the collision, as `find_impulses` leaves them. ``work``, (2 nbody,), is
     scratch space.
@@ -215,7 +215,7 @@ def detect_limits(w, start, free, middle):
 def _to_midpoint(w, start, margins, middle, work):
     """Move bodies to the middle of the step, and compute all forces except those of contact there.
 
-    ``work`` begins with velocities of bodies, see `_prepare_margins`. Return whether MuJoCo lacked room for contacts.
+    ``work`` begins with velocities of bodies, see `_prepare_margins`. Return whether MuJoCo had no room for contacts.
     """
     if w.surfaces != 0:
         place_surfaces(w)
