@@ -105,7 +105,8 @@ class Stepper:
         UnknownNameError: there is no such option, or the law is keyed by contacts that the scene cannot have.
         OptionError: rest_speed is not a speed, gap_tolerance not a length, max_events not a count, contacts not
             patterns, or limits neither True nor False.
-        UncompilableError: time stepping needs numba, which cannot be imported.
+        UncompilableError: time stepping needs numba, which cannot be imported, or MuJoCo keeps its data elsewhere than
+            it says.
 
     Warns:
         HeldJointsWarning: time stepping may hold joints still, because links overlap or dry friction exceeds the
