@@ -50,7 +50,7 @@ kernel: Any = _inner(_nrt=True)
 plain: Any = _inner(_nrt=False)
 """The same for a function that creates no arrays; it does not count references to its arguments."""
 once: Any = njit(**_INNER, inline="always")
-"""The same for a function that is called from one place: it is inlined there, which halves compile time."""
+"""The same for a small function that is called from one place: it is inlined there, which halves compile time."""
 sums: Any = _inner(_nrt=False, fastmath={"reassoc", "contract"})
 """The same for sums that may be reassociated."""
 FIRST, ONE = cast(Any, np.int64(0)), cast(Any, np.int64(1))

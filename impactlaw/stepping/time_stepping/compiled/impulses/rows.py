@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import types
 
-from impactlaw.linked import linked, shared
+from impactlaw.linked import shared
 from impactlaw.solvers.cones.algebra.loops import cleared, kernel, numbers, plain
 from impactlaw.stepping.compiled.access import (
     contact_floats,
@@ -19,21 +19,19 @@ from impactlaw.stepping.compiled.access import (
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL
 from impactlaw.stepping.compiled.left_out.tied_contacts import leave_tied_out
-from impactlaw.stepping.compiled.whitening import INERTIA
 from impactlaw.stepping.time_stepping.compiled.impulses.passed_edges import (
     contacts_at,
     doubt_fast,
     geometry_of,
     look_ahead,
 )
-from impactlaw.stepping.time_stepping.compiled.state.kinds import BOOLEAN, INTEGER, MARKS, NUMBERS, WORLD
+from impactlaw.stepping.time_stepping.compiled.state.kinds import BOOLEAN, MARKS, NUMBERS, WORLD
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import add_surfaces, surfaces_move
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, metric_of, setting
 from impactlaw.stepping.time_stepping.problem.detection.fast_bodies import some_can_pass, take_back
 from impactlaw.stepping.time_stepping.problem.detection.floor_edges import leave_edges
 from impactlaw.stepping.time_stepping.problem.rows import (
     JACOBIAN,
-    ROWS,
     Rows,
     Source,
     count_groups,
@@ -43,7 +41,7 @@ from impactlaw.stepping.time_stepping.problem.rows import (
 )
 
 
-@linked(types.void(WORLD, JACOBIAN, NUMBERS, NUMBERS, types.float64, MARKS), counts=False)
+@plain
 def near(w, jacobian, one, other, reach, found):
     """Write which rows begin a contact or limit that is closed or would soon be, (nefc,); see `rows.find_near`."""
     n = number(w, DATA.nefc)
@@ -64,7 +62,7 @@ def count(w, chosen, frictional):
     return count_groups(kinds, number_of, dim, contact_floats(w, CONTACT.friction, 5), chosen, frictional)
 
 
-@linked(INTEGER(WORLD, JACOBIAN, INERTIA, *[NUMBERS] * 3, MARKS, BOOLEAN, MARKS, NUMBERS, ROWS), counts=False)
+@plain
 def read(w, jacobian, metric, velocity, start, free, chosen, frictional, mark, room, rows):
     """Write the rows of the chosen groups, and return the number of their entries; see `rows.write_rows`.
 
