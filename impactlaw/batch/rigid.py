@@ -127,7 +127,7 @@ class RigidWorlds:
 def _convert(scheme: TimeStepping, law: Law) -> Converted:
     """Convert a law for compiled code; forces are not written in the form of MuJoCo's cones."""
     scheme.set_law(law)
-    check_covered(reason(scheme))
+    check_covered(reason(scheme.problem.targets, scheme.model))
     row = list(scheme.settings())
     row[SETTING.forces] = 0.0
     return scheme.coefficients(), row

@@ -54,7 +54,8 @@ class CompiledStepping(OneWorld):
 
     def _take_over(self) -> None:
         """Adopt the law and the options of the scheme."""
-        self._coefficients, self._reason = self._scheme.coefficients(), reason(self._scheme)
+        targets = self._scheme.problem.targets
+        self._coefficients, self._reason = self._scheme.coefficients(), reason(targets, self._model)
         sums = max(self._sums, self._settings[SETTING.sums])
         self._settings[:] = self._scheme.settings()
         self._settings[SETTING.sums] = sums

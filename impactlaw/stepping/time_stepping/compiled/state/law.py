@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
+import mujoco
 import numpy as np
 
 from impactlaw.laws.fremond import Reversal
 from impactlaw.laws.tolerances import INFLUENCE
 from impactlaw.solvers.cones.algebra.loops import cleared, indices, kernel, zeros
 from impactlaw.stepping.compiled import law_table
+from impactlaw.stepping.law_targets import LawTargets
 from impactlaw.stepping.time_stepping.compiled.state.status import FINE, UNKNOWN
 from impactlaw.stepping.time_stepping.problem.drifting_equalities import square_of
 from impactlaw.stepping.time_stepping.problem.targets import reached_groups
-
-if TYPE_CHECKING:
-    from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
 Array = np.ndarray[Any, Any]
 
@@ -135,8 +134,8 @@ def _put_along_chains(order, label, linked):
                 before, now = now, after
 
 
-def reason(scheme: TimeStepping) -> str | None:
-    """Return why compiled code does not cover a scheme; None if it does."""
-    if isinstance(scheme.problem.targets.law, Reversal) and not scheme.model.neq:
+def reason(targets: LawTargets, model: mujoco.MjModel) -> str | None:
+    """Return why compiled code does not cover a law in a scene; None if it does."""
+    if isinstance(targets.law, Reversal) and not model.neq:
         return None
-    return law_table.reason(scheme.problem.targets)
+    return law_table.reason(targets)
