@@ -29,22 +29,11 @@ def linked(*signature: Any, counts: bool = True) -> Callable[[Callable[..., Any]
     return lambda function: by_address(compiled(*signature, counts=counts, python=False)(function))
 
 
-def shared(*signature: Any, counts: bool = True) -> Callable[[Callable[..., Any]], Any]:
-    """Return a decorator that does the same for a function that Python calls, too, see `compiled.for_python`."""
-
-    def decorate(function: Callable[..., Any]) -> Any:
-        made = compiled(*signature, counts=counts)(function)
-        call = by_address(made)
-        call.for_python = made
-        return call
-
-    return decorate
-
-
 def by_address(function: Any) -> Any:
     """Return a numba intrinsic by which compiled functions call a compiled function with a single signature.
 
-    It also defines the symbol of the function, to which cached code refers, before such code is loaded.
+    Its attributes are the symbol of the function and its signature. The symbol, to which cached code refers, is defined
+    here, before such code is loaded.
     """
     made = function.function if isinstance(function, Declared) else function
     symbol = f"impactlaw_{made.__module__.replace('.', '_')}_{made.__name__}"
@@ -75,4 +64,6 @@ def by_address(function: Any) -> Any:
             raise TypeError(f"{made.__name__} takes {len(signature.args)} arguments, not {len(given)}")
         return signature.return_type(types.StarArgTuple(given)), generate
 
-    return call
+    by_symbol: Any = call
+    by_symbol.symbol, by_symbol.signature = symbol, signature
+    return by_symbol

@@ -100,6 +100,11 @@ def _empty_model() -> Any:
     return mujoco.MjModel.from_xml_string("<mujoco/>")
 
 
+def one_world() -> Pool:
+    """Return a pool with one empty world, in milliseconds; it calls MuJoCo's control callback if there is one."""
+    return Pool(_empty_model(), 1, 1, persistent=True)
+
+
 def _enter(place, data):
     """Call a C function for the only world of a pool; return what it has written second into its argument.
 
@@ -121,7 +126,7 @@ def _entry_point() -> Any:
 class Entry:
     """The entry of one world into compiled code: a pool calls its C function, and reports the errors of MuJoCo.
 
-    Making it takes milliseconds, and calls MuJoCo's control callback, if there is one, with an empty model.
+    For the price of making it see `one_world`.
 
     Args:
         function: address of the C function.
@@ -132,7 +137,7 @@ class Entry:
     """
 
     def __init__(self, function: int, context: np.ndarray):
-        self._pool = Pool(_empty_model(), 1, 1, persistent=True)
+        self._pool = one_world()
         self._arguments = np.array([self._pool.handle, function, context.ctypes.data])
         self.call = partial(_entry_point(), self._arguments.ctypes.data)
 

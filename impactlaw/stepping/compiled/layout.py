@@ -129,3 +129,9 @@ def _check(offsets: np.ndarray) -> None:
         wrong.append("mjContact")
     if wrong:
         raise UncompilableError(f"MuJoCo {mujoco.__version__} keeps {', '.join(wrong)} elsewhere than it says")
+
+
+def empty_stack(data: Any) -> None:
+    """Empty MuJoCo's stack, which an error of MuJoCo leaves in use."""
+    for place in (DATA.pstack, DATA.pbase):
+        ctypes.c_size_t.from_address(data._address + int(table()[place])).value = 0

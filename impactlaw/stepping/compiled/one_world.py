@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 from typing import Any
 
 import mujoco
@@ -10,9 +9,8 @@ import numpy as np
 
 from impactlaw.errors import warn_of_python
 from impactlaw.stepping.compiled.engine import Entry, fill_context
-from impactlaw.stepping.compiled.fields import DATA
 from impactlaw.stepping.compiled.law_table import Coefficients
-from impactlaw.stepping.compiled.layout import table
+from impactlaw.stepping.compiled.layout import empty_stack, table
 from impactlaw.stepping.compiled.libmujoco import callbacks, is_called_back
 from impactlaw.stepping.integration import STEP_STATE, restore_state
 
@@ -66,7 +64,6 @@ class OneWorld:
 
     def _fail(self, data: Any, state: np.ndarray, message: str) -> None:
         """Restore a state, and raise MuJoCo's error."""
-        for place in (DATA.pstack, DATA.pbase):  # empty MuJoCo's stack, which the error has left in use
-            ctypes.c_size_t.from_address(data._address + int(self._table[place])).value = 0
+        empty_stack(data)
         restore_state(self._model, data, state, STEP_STATE)
         raise mujoco.FatalError(message)

@@ -35,6 +35,8 @@ from impactlaw.laws.fremond import Reversal
 from impactlaw.scene.moving_surfaces import LastMotion, Surfaces
 from impactlaw.stepping.compatibility import check_time_stepping, refuse_override
 from impactlaw.stepping.compiled.law_table import Coefficients
+from impactlaw.stepping.compiled.layout import empty_stack
+from impactlaw.stepping.compiled.shared import EngineError
 from impactlaw.stepping.compiled.whitening import Inertia
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import check_input, empty_state, is_huge, restore_state, save_state
@@ -205,11 +207,14 @@ class TimeStepping:
             with self._options:
                 self._step(data)
             return self._events()
-        except BaseException:
+        except BaseException as error:
+            empty_stack(data)
             restore_state(model, data, state)
             mujoco.mj_fwdPosition(model, data)
             self._known, self._gained, self._held, self.solved, self.short_steps = kept
             self.move_on(motion)
+            if isinstance(error, EngineError):
+                raise self._memory.error() from None
             raise
 
     def _events(self) -> Callable[[], tuple[ImpactEvent, ...]] | tuple[()]:

@@ -12,7 +12,9 @@ import numpy as np
 
 from impactlaw.scene.equality_constraints import constraint_kinds
 from impactlaw.scene.moving_surfaces import Surfaces
+from impactlaw.stepping.compiled.engine import Pool, one_world
 from impactlaw.stepping.compiled.layout import table
+from impactlaw.stepping.compiled.libmujoco import without_callbacks
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import surface_room, write_motion
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World
 
@@ -63,6 +65,16 @@ class WorldMemory:
     def _scratch(self) -> Any:
         return mujoco.MjData(self._model)
 
+    @cached_property
+    def _pool(self) -> Pool:
+        with without_callbacks():
+            return one_world()
+
+    def error(self) -> mujoco.FatalError:
+        """Return the error that MuJoCo has raised in compiled code, see `compiled.shared`."""
+        self.__dict__.pop("_scratch", None)  # its stack may still be in use
+        return mujoco.FatalError(self._pool.error(0))
+
     def world(self, data: Any, settings: Sequence[float], surfaces: Surfaces | None, *, damped: bool) -> World:
         """Return the world of a step, which begins here."""
         model, motion = self._model, 0
@@ -73,5 +85,5 @@ class WorldMemory:
         return World(
             model._address, data._address, self._scratch._address, self._table.ctypes.data, self._settings.ctypes.data,
             self.sizes.ctypes.data, self._bilateral.ctypes.data, model.nv, model.opt.timestep, damped, motion,
-            self.work.ctypes.data,
+            self.work.ctypes.data, self._pool.handle,
         )  # fmt: skip

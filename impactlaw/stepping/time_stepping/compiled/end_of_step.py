@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 from numba import types
 
-from impactlaw.linked import linked, shared
+from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import (
     clear,
     cleared,
@@ -53,6 +53,7 @@ from impactlaw.stepping.compiled.fields import (
     put_int,
 )
 from impactlaw.stepping.compiled.left_out.tied_contacts import leave_tied_out
+from impactlaw.stepping.compiled.shared import shared
 from impactlaw.stepping.time_stepping.compiled.impulses.rows import count, read
 from impactlaw.stepping.time_stepping.compiled.model_copy import limit_margins, widen_limits
 from impactlaw.stepping.time_stepping.compiled.standing_cylinders import find_standing
@@ -248,7 +249,7 @@ def _opens(w, rows, depth, slow):
         limit_margins(w, max(BEYOND * depth, CLOSE))
     widen_limits(w, BEYOND * depth)
     now = World(
-        w.model, w.scratch, w.scratch, w.table, w.settings, w.sizes, w.bilateral, w.nv, w.timestep, w.damped, 0, 0
+        w.model, w.scratch, w.scratch, w.table, w.settings, w.sizes, w.bilateral, w.nv, w.timestep, w.damped, 0, 0, 0
     )  # fmt: skip
     _find_contacts(w, now)
     if not _overlap(now):

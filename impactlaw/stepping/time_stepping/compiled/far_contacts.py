@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from impactlaw.linked import shared
 from impactlaw.solvers.cones.algebra.loops import norm, plain
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
@@ -16,6 +15,7 @@ from impactlaw.stepping.compiled.access import (
     velocity_of,
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, floats
+from impactlaw.stepping.compiled.shared import shared
 from impactlaw.stepping.time_stepping.compiled.state.kinds import BOOLEAN, NUMBERS, WORLD
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import surface_speed
 from impactlaw.stepping.time_stepping.problem.detection import far_contacts

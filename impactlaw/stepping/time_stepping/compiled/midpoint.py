@@ -6,7 +6,6 @@ import mujoco
 import numpy as np
 from numba import types
 
-from impactlaw.linked import shared
 from impactlaw.solvers.cones.algebra.loops import clear, equal, norm, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
@@ -34,6 +33,7 @@ from impactlaw.stepping.compiled.fields import (
     ints,
     put_int,
 )
+from impactlaw.stepping.compiled.shared import shared
 from impactlaw.stepping.time_stepping.compiled.end_of_step import find_nearest, update_frames
 from impactlaw.stepping.time_stepping.compiled.far_contacts import far_ones_close, leave_far_out
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import settle

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from impactlaw.linked import shared
 from impactlaw.scene.corrected.rounding import measure_standing
 from impactlaw.solvers.cones.algebra.loops import numbers, put
 from impactlaw.stepping.compiled import libmujoco as mj
@@ -17,6 +16,7 @@ from impactlaw.stepping.compiled.access import (
     size,
 )
 from impactlaw.stepping.compiled.fields import DATA, MODEL, floats, keep
+from impactlaw.stepping.compiled.shared import shared
 from impactlaw.stepping.time_stepping.compiled.state.kinds import BOOLEAN, WORLD
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import ROW, velocities_of
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting

@@ -307,7 +307,7 @@ def advance(
         surfaces = address_of(memory) + 8 * begin
     work = address_of(memory) + 8 * MEMORY.work
     sizes, damped = numbers(nbody + nmocap), is_damped(model, table)
-    w = World(model, data, scratch, table, settings, address_of(sizes), bilateral, nv, h, damped, surfaces, work)
+    w = World(model, data, scratch, table, settings, address_of(sizes), bilateral, nv, h, damped, surfaces, work, 0)
     find_sizes(w, sizes, carriers)
     memory.view(np.int64)[MEMORY.found_rows] = 0
     memory[MEMORY.work] = 1.0

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numba import types
 
-from impactlaw.linked import shared
 from impactlaw.solvers.cones.algebra.loops import cleared, kernel, numbers, plain
 from impactlaw.stepping.compiled.access import (
     contact_floats,
@@ -19,6 +18,7 @@ from impactlaw.stepping.compiled.access import (
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL
 from impactlaw.stepping.compiled.left_out.tied_contacts import leave_tied_out
+from impactlaw.stepping.compiled.shared import shared
 from impactlaw.stepping.time_stepping.compiled.impulses.passed_edges import (
     contacts_at,
     doubt_fast,

@@ -51,6 +51,7 @@ class World(NamedTuple):
     damped: bool  # whether the integrator damps implicitly
     surfaces: int  # address of the state of mocap bodies, see `surfaces`; 0 if they do not move during a step
     work: int  # address of the remaining part of the work allowed in the step, see `solvers.cones.budget.spend`
+    pool: int  # MuJoCo's pool in which functions called by Python run, see `compiled.shared`; 0 in compiled steps
 
 
 @plain
