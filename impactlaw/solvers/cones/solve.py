@@ -9,7 +9,18 @@ from numba import types
 
 from impactlaw.compiled import compiled
 from impactlaw.linked import by_address, linked
-from impactlaw.solvers.cones.algebra.loops import FLOATS, INTEGERS, Array, counts, indices, numbers, plain, unset
+from impactlaw.solvers.cones.algebra.loops import (
+    FLOATS,
+    INTEGERS,
+    Array,
+    any_of,
+    clear,
+    counts,
+    indices,
+    numbers,
+    plain,
+    unset,
+)
 from impactlaw.solvers.cones.convex import out_of_reach
 from impactlaw.solvers.cones.hybrid import solve_island
 from impactlaw.solvers.cones.islands import build
@@ -94,6 +105,8 @@ def improve(
     count = islands(rownnz, rowadr, colind, value, tree, first, size, compliance, length, label)
     scale, squares, room = numbers(count), numbers(count), numbers(2 * longest_group(size))
     _clean(first, size, label, x)
+    if not any_of(b):  # nothing to change, and no scale for the natural map
+        clear(x)
     impulse_jump(rownnz, rowadr, colind, value, x, z)
     worst = certificate(problem, x, z, length, label, scale, squares, room)
     total = 0

@@ -30,6 +30,16 @@ def test_what_is_easy_takes_little_of_it():
     assert 0.0 < spent < 0.01
 
 
+def test_what_rests_takes_none_of_it_whatever_the_guess():
+    rownnz, rowadr, colind, value, nv, tree, *rest, b = solvable(np.random.default_rng(0), 8, 12)[0]
+    x, z, left = np.ones(len(b)), np.ones(nv), np.ones(1)
+    args = (rownnz, rowadr, colind, value, tree, *rest, np.zeros(len(b)), True, TOLERANCE, 24, left, x, z)
+    assert improve(*args) == (0.0, 0)
+    assert left == 1.0
+    assert not x.any()
+    assert not z.any()
+
+
 @pytest.mark.parametrize("contacts", [2, 20, 60])
 def test_what_has_no_solution_takes_little_more_than_all_of_it(contacts):
     residual, _, spent = run(without_solution(contacts), 1.0, rounds=1000)

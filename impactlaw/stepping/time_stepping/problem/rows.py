@@ -21,6 +21,12 @@ from impactlaw.stepping.time_stepping.problem.tiny_gaps import close_tiny_gaps
 NEAR = 1e-5
 """Gap, m or rad, up to which a contact takes part at any velocity."""
 
+_ROUNDED = 1e-13
+"""Part of ``|J| |v|`` up to which the velocity of a row is rounding, and 0.
+
+Bodies that touch and fly together have only such velocities, of which a solver makes a hard problem of friction.
+"""
+
 _FEW = 4000
 """Number of entries up to which they are not counted to find how much memory they need."""
 _EQUALITY, _LOSS, _LIMIT, _ELLIPTIC = 0, (1, 2), (3, 4), 7  # mjtConstraint
@@ -234,13 +240,17 @@ def _write_group(rows, g, r, row, size, kind, source, timestep):
 def _write_rates(rows, r, i, kind, scale, source, before, free, timestep):
     """Write the rates of one of MuJoCo's rows."""
     (nnz, adr, col, J), velocity = source.jacobian, source.velocity
-    was, led, some = 0.0, 0.0, len(velocity) > 0
+    was, led, size, some = 0.0, 0.0, 0.0, len(velocity) > 0
     for a in range(adr[i], adr[i] + nnz[i]):
+        part = J[a] * free[col[a]]
         was += J[a] * before[col[a]]
-        led += J[a] * free[col[a]]
+        led += part
+        size += abs(part)
     if kind == CONE and some:  # MuJoCo's velocity includes that of belts
         led += velocity[i] - was
         was = velocity[i]
+    if abs(led) <= _ROUNDED * size:
+        led = 0.0
     rows.rates[0, r], rows.rates[1, r], rows.rates[2, r] = scale, was, led
     rows.rates[3, r] = velocity[i] + timestep * source.reference[i] if kind == BILATERAL and some else 0.0
     rows.rates[4, r] = source.regularizer[i] if kind == BILATERAL else 0.0
