@@ -26,7 +26,7 @@ from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 _SHIFTS = 100  # largest number of corrections of the shift
 _SMALLEST = 40  # number of corrections that look for the smallest shift; the others only open the remaining overlap
 _SETTLED = 1e-6  # change of the shift by a correction, relative to the shift, below which it has settled
-_FAR = 1e3  # largest shift along slides and of free bodies, relative to the depth of the deepest overlap
+_FAR = 1e3  # largest shift of bodies, relative to the depth of the deepest overlap
 _TURNS = 2.0 * np.pi  # largest rotation by a shift, beyond that which opens violated limits, rad
 _NAMED = 5  # number of overlaps that an error names
 _FREE, _SLIDE = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_SLIDE)
@@ -85,6 +85,24 @@ def push_out(phases: SmoothPhases, start: ContactState) -> ContactState:
         if overlaps(now.contact_set, phases.tolerance):
             raise
         return now
+
+
+def open_jump(phases: SmoothPhases, start: ContactState) -> ContactState:
+    """Open an overlap that is due to a jump of a gap; leave it if bodies are squeezed; return the contacts after it.
+
+    Bodies count as squeezed, too, if opening would move them by far more than they overlap: constraints then leave them
+    almost no motion in that direction.
+    """
+    configuration, depth = phases.configuration, -float(start.gap.min())
+    state, before = configuration.save(), configuration.data.geom_xpos.copy()
+    try:
+        found = push_out(phases, start)
+        if np.abs(configuration.data.geom_xpos - before).max(initial=0.0) <= _FAR * depth:
+            return found
+    except (OverlapError, UnfinishedStepError):
+        pass
+    configuration.restore(state)
+    return phases.look()
 
 
 def _put_back(configuration: Configuration) -> None:

@@ -17,16 +17,15 @@ starts from a state in which no gap is below minus the tolerance (`overlap`):
    ever smaller collisions.
 
 Time stepping takes the rest of the step instead (`rest_of_step`), starting with the last phase, if E = 0 would cost
-energy, no impulses are certified, contact is not held, contact points jump, or the step takes too much work (`work`).
-It takes the whole step if the reason is the number of collisions, since the energy amid them may be distributed in any
-way.
+energy or contact is not held (`left_to_time_stepping`), no impulses are certified, contact points jump, or the step
+takes too much work (`work`). It takes the whole step if the reason is the number of collisions, since the energy amid
+them may be distributed in any way.
 """
 
 from __future__ import annotations
 
 from contextlib import nullcontext
 from dataclasses import replace
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -35,13 +34,19 @@ from impactlaw.errors import DivergenceError, OverlapError, SolverError, Unfinis
 from impactlaw.laws import Law
 from impactlaw.mechanics.kinetic_metric import KineticMetric
 from impactlaw.scene.contacts import update_positions
-from impactlaw.scene.equality_constraints import CALM, are_tied, closing_beside, least_free, lengths
 from impactlaw.solvers.one_thread import one_thread
-from impactlaw.stepping.collisions import Closed, Collider, kinetic_metric
+from impactlaw.stepping.collisions import Collider, kinetic_metric
 from impactlaw.stepping.compatibility import OVERRIDE, check_override, check_resolved, check_rigid
 from impactlaw.stepping.event_driven.contact_state import ContactState
 from impactlaw.stepping.event_driven.last_step import LastStep
-from impactlaw.stepping.event_driven.overlap import clearance, overlaps, push_out, refuse
+from impactlaw.stepping.event_driven.left_to_time_stepping import (
+    are_bodies_tied,
+    check_calm,
+    check_driven,
+    check_ended,
+    check_held,
+)
+from impactlaw.stepping.event_driven.overlap import open_jump, overlaps, push_out, refuse
 from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
 from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 from impactlaw.stepping.impact_event import ImpactEvent, LazyEvents, together
@@ -52,24 +57,11 @@ from impactlaw.stepping.work import Work
 _JUMPS = 5  # phases of almost no length, each ended by a contact that closes without a collision: points jump
 _INSTANT = 1e-4  # part of the timestep below which a phase counts as such
 _WORK = 120  # number of units that a step may take at least, whatever max_events is
-_LOCKED = 1e2  # ratio h D / M of joint damping to inertia above which contact is not held
-_DEEP = 1e3  # largest overlap of held contacts, in gap tolerances
 _OPENING = 0.15  # part of the work of a step that opening slight overlaps may take
 _SLIGHT = 1e6  # largest overlap left by time stepping that is opened at once, in gap tolerances
-_FAR = 1e3  # largest distance by which bodies may be moved to open an overlap, in depths of the overlap
-_GAINED = 0.02  # energy that the drift of constraints may add to a collision, relative to that of its velocity jump
 _MANY = 0.5  # part of max_events above which collisions count as many, if the step cannot be finished
 _FEW = 20  # degrees of freedom below which linear algebra starts no threads
-_ENDED = 1e-6  # part of the kinetic energy that E = 0 may take after max_events collisions
 _UNFINISHED = DivergenceError, SolverError, UnfinishedStepError, UnsolvableLawError, np.linalg.LinAlgError
-
-
-class _Begun(NamedTuple):
-    """The start of a smooth phase: the saved state, the rest of the step, s, and the number of collisions before it."""
-
-    state: np.ndarray
-    remaining: float
-    collisions: int
 
 
 class RigidStepping:
@@ -106,7 +98,7 @@ class RigidStepping:
         self._before, self._state = empty_state(model), empty_state(model)
         self._last = LastStep(self._phases, plan)
         self._metric: KineticMetric | None = None
-        self._begun = _Begun(self._before, 0.0, 0)
+        self._begun = self._before, 0.0, 0  # start of a phase: saved state, rest of the step, s, collisions so far
         self.unlocated, self.crowded = 0, False
 
     @property
@@ -144,7 +136,7 @@ class RigidStepping:
                     self._rest.failed()
                     if len(events) > _MANY * self._collider.most:  # the order of so many is a matter of rounding
                         self.crowded = True
-                        self._begun = _Begun(state, self._options.timestep, 0)
+                        self._begun = state, self._options.timestep, 0
                 return self._finish(data, self._rest, events, opens=not isinstance(error.__cause__, mujoco.FatalError))
         except BaseException:
             if surfaces is not None and motion is not None:
@@ -176,15 +168,15 @@ class RigidStepping:
             self._configuration.update()
             now = self._phases.look()
             slight = overlaps(now.contact_set, self._tolerance) and now.gap.min() >= -_SLIGHT * self._tolerance
-            if slight and not self._ties(now):
-                self._apart(now)
+            if slight and not are_bodies_tied(now):
+                open_jump(self._phases, now)
 
     def _step(self, data: mujoco.MjData, events: list[ImpactEvent], *, waits: bool) -> LazyEvents:
         timestep = self._options.timestep
         if self._options.enabled & OVERRIDE:
             check_override(self._model, self._plan)
         end = data.time + timestep
-        self._begun = _Begun(self._before, timestep, 0)
+        self._begun = self._before, timestep, 0
         self._work.begin()
         if not (self._plan.detection or self._plan.limits):
             self._phases.advance(timestep)
@@ -219,13 +211,13 @@ class RigidStepping:
             hold_all = jumps > _JUMPS or max(len(events), closings) > self._collider.most
             before = len(events)
             state = configuration.save(self._state)
-            self._begun = _Begun(state, remaining, before)
+            self._begun = state, remaining, before
             trial, closed = self._phases.advance_to_contact(state, start, remaining, hold_all=hold_all)
             closings += closed
             remaining -= trial.duration
             start = trial.phase_end.now
             if closed and trial.gap < -self._tolerance:  # a gap has jumped
-                start = self._apart(start)
+                start = open_jump(self._phases, start)
             self._check_held(start)
             if start.collides:
                 start = self._collide(start, events)
@@ -245,12 +237,9 @@ class RigidStepping:
         start = self._phases.look()
         if not self._last.is_here() and overlaps(start.contact_set, self._tolerance):
             if not self._push_out:
-                raise refuse(
-                    start.contact_set,
-                    self._tolerance,
-                    f"move them apart (up to {self._tolerance:g} m counts as touching), or let "
-                    'overlap="push-out", or scheme="time-stepping", do it',
-                )
+                reason = f"move them apart (up to {self._tolerance:g} m counts as touching), or let "
+                reason += 'overlap="push-out", or scheme="time-stepping", do it'
+                raise refuse(start.contact_set, self._tolerance, reason)
             start = self._pushed_out(start)
         self._check_held(start)
         return self._collide(start, events) if start.collides else start
@@ -265,51 +254,18 @@ class RigidStepping:
             raise UnfinishedStepError(str(squeezed)) from None
 
     def _check_held(self, state: ContactState) -> None:
-        """Raise `UnfinishedStepError` if contact is not held: joints are locked, or an overlap is too deep."""
-        if len(state.gap) and self._configuration.is_locked(self._options.timestep, _LOCKED):
-            raise UnfinishedStepError(
-                'contact is not held beside joints that damping all but locks; use RK4, or scheme="time-stepping"'
-            )
-        if self._rest is not None and self._ties(state):
+        """Raise `UnfinishedStepError` if contact is not held, or cannot be beside equality constraints."""
+        if self._rest is not None and are_bodies_tied(state):
             raise UnfinishedStepError('equality constraints tie bodies that touch; scheme="time-stepping" leaves them')
-        depth = clearance(state.contact_set)
-        if len(depth) and depth.item(depth.argmin()) < -_DEEP * self._tolerance:
-            reason = 'smaller timesteps, or scheme="time-stepping", may hold them'
-            overlap = refuse(state.contact_set, self._tolerance, reason)
-            raise UnfinishedStepError(f"contacts were not held: {overlap}")
-
-    def _ties(self, state: ContactState) -> bool:
-        """Return whether equality constraints leave a closed contact almost no motion: both cannot be satisfied."""
-        constraints = state.contact_set.bilateral
-        if constraints is None:
-            return False
-        closed = state.closed & (state.pattern.geoms[:, 0] >= 0)
-        least = least_free(self._model, state.pattern.geoms[closed])
-        return bool(are_tied(state.contact_set.jacobian[closed], constraints, lengths(self._model), least).any())
-
-    def _apart(self, start: ContactState) -> ContactState:
-        """Open an overlap that is due to a jump of a gap; leave it if bodies are squeezed.
-
-        Bodies count as squeezed, too, if opening would move them by far more than they overlap: constraints then leave
-        them almost no motion in that direction.
-        """
-        state, depth = self._configuration.save(), -float(start.gap.min())
-        before = self._configuration.data.geom_xpos.copy()
-        try:
-            found = push_out(self._phases, start)
-            if np.abs(self._configuration.data.geom_xpos - before).max(initial=0.0) <= _FAR * depth:
-                return found
-        except (OverlapError, UnfinishedStepError):
-            pass
-        self._configuration.restore(state)
-        return self._phases.look()
+        check_held(state, self._options.timestep, self._tolerance)
 
     def _collide(self, start: ContactState, events: list[ImpactEvent]) -> ContactState:
         """Resolve the collisions at this time."""
         data, before = self._configuration.data, len(events)
         closed, metric = start.contact_set.closed(start.closed.nonzero()[0]), self._metric_now()
         rounding = start.rounding_by(metric, closed)
-        self._check_calm(start, closed, rounding)
+        if self._rest is not None:
+            check_calm(start, closed, rounding)
         data.qvel[:] = self._collider.collide(
             metric,
             closed,
@@ -321,38 +277,11 @@ class RigidStepping:
             events=events,
             work=self._work,
         )
-        self._check_driven(events[before:])
-        self._check_ended(data, events[before:], len(events))
+        if self._rest is not None:
+            check_driven(events[before:])
+            if len(events) > self._collider.most:
+                check_ended(events[-1], self._options.timestep, data.qacc)
         return start.moving()
-
-    def _check_driven(self, new: list[ImpactEvent]) -> None:
-        """Raise `UnfinishedStepError` if the drift of equality constraints drives a collision, however slow it is."""
-        for event in new if self._rest is not None else ():
-            impact, known = event.impact, event.impact.collision
-            if known.bilateral_jacobian is None or known.surface_velocity is not None:
-                continue
-            if impact.energy_change > 0.5 * _GAINED * impact.intensity**2:
-                raise UnfinishedStepError("equality constraints drive bodies into each other")
-
-    def _check_calm(self, start: ContactState, closed: Closed, rounding: np.ndarray) -> None:
-        """Raise `UnfinishedStepError` if constraints drift too fast next to a collision: they are giving way."""
-        constraints = closed.bilateral
-        if constraints is None or self._rest is None:
-            return
-        closing = -start.contact_velocity[start.closed]
-        colliding = np.where(closing > rounding, closing, 0.0)
-        fastest = closing_beside(constraints, closed.jacobian, colliding, self._model.dof_treeid)
-        if ((fastest > 0.0) & (np.abs(constraints @ start.velocity) > CALM * fastest)).any():
-            raise UnfinishedStepError("equality constraints give way; smaller timesteps may hold them")
-
-    def _check_ended(self, data: mujoco.MjData, new: list[ImpactEvent], count: int) -> None:
-        """Raise `UnfinishedStepError` if E = 0 after max_events collisions has taken more energy than rounding."""
-        if self._rest is not None and count > self._collider.most:
-            impact = new[-1].impact
-            pushed = self._options.timestep * impact.collision.metric.norm(data.qacc)  # by all forces except contact
-            lost = -impact.energy_change
-            if lost > _ENDED * impact.collision.kinetic_energy and impact.intensity > pushed:
-                raise UnfinishedStepError(f"more than {self._collider.most} collisions in a step")
 
     def _metric_now(self) -> KineticMetric:
         """Return the current kinetic metric: the last one if inertia is constant, unless the model was changed."""

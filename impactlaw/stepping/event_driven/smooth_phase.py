@@ -121,30 +121,25 @@ class SmoothPhases:
 
         Without frames at the start, the answer is derived from velocities only.
         """
-        before, timestep = self.configuration.data.qvel.copy(), self.options.timestep
-        reach = self._try_timestep(before, start)
-        return reach is not None and self._dips.is_clear(start, before, timestep, reach)
+        before = self.configuration.data.qvel.copy()
+        return self._try_timestep(before, start) and self._dips.is_clear(start, before, self.options.timestep)
 
     def stay_together(self, pattern: Pattern, start: Frames | None = None) -> bool:
         """Advance by a whole timestep with closed contacts; return whether all are still closed, uncorrected."""
-        before, timestep = self.configuration.data.qvel.copy(), self.options.timestep
-        reach = self._try_timestep(before, start)
-        if reach is None:
+        before, gaps = self.configuration.data.qvel.copy(), (-CORRECTED * self.tolerance, self.tolerance)
+        if not self._try_timestep(before, start):
             return False
-        gaps = (-CORRECTED * self.tolerance, self.tolerance)
-        return self._dips.are_together(pattern, start, before, timestep, reach, gaps)
+        return self._dips.are_together(pattern, start, before, self.options.timestep, gaps)
 
-    def _try_timestep(self, before: np.ndarray, start: Frames | None) -> float | None:
-        """Advance by a timestep; return its `Travel.reach`, None if a body can have passed through another meanwhile.
+    def _try_timestep(self, before: np.ndarray, start: Frames | None) -> bool:
+        """Advance by a timestep; return whether no body can have passed through another meanwhile.
 
         Without frames at the start, this is derived from velocities only.
         """
         data, timestep = self.configuration.data, self.options.timestep
         self.advance(timestep)
-        reach = self._travel.reach(before, data.qvel, timestep)
-        if self._travel.is_short(before, data.qvel, timestep, reach):
-            return reach
-        return reach if start is not None and self._travel.is_safe(start, before, data, timestep) else None
+        short = self._travel.is_short(before, data.qvel, timestep)
+        return short or (start is not None and self._travel.is_safe(start, before, data, timestep))
 
     def advance_to_contact(
         self, state: np.ndarray, start: ContactState, duration: float, *, hold_all: bool
@@ -202,9 +197,7 @@ class SmoothPhases:
         If no gap has closed, since a contact only runs along a rim, the trial has lost no contact, and it is repeated
         with the forces of ``begun``.
         """
-        start, tried = trial.phase.start, trial.phase
-        if tried.smooth:
-            tried = tried._replace(smooth=False)
+        start, tried = trial.phase.start, trial.phase._replace(smooth=False)
         again = self._again(state, tried)
         travel = self._travel.between(start.frames, self.configuration.data)
         if self._is_continued(trial, again):

@@ -51,15 +51,15 @@ class Dips:
         self._extent = float(configuration.model.stat.extent)
         self._wide = (_WIDE if pairs > _FEW else _WIDE_FOR_FEW) * self._extent
 
-    def is_clear(self, start: Frames | None, before: np.ndarray, duration: float, reach: float) -> bool:
+    def is_clear(self, start: Frames | None, before: np.ndarray, duration: float) -> bool:
         """Return whether no contact is near now, nor can have been closed within the phase that has just ended.
 
-        ``start`` are the frames at its start, None if they are not known, and ``reach`` is its `Travel.reach`.
+        ``start`` are the frames at its start, None if they are not known.
         """
         data, detector = self._configuration.data, self._detector
         if detector.is_at_limit(data, self._near):
             return False
-        reach = self._reach(before, duration, reach)
+        reach = self._reach(before, duration)
         apart = detector.distances(data, max(reach, self._near))
         if apart is None:
             return True
@@ -77,7 +77,6 @@ class Dips:
         start: Frames | None,
         before: np.ndarray,
         duration: float,
-        reach: float,
         gaps: tuple[float, float],
     ) -> bool:
         """Return whether only contacts of a plain pattern are near now, all closed, and no other was closed meanwhile.
@@ -85,7 +84,7 @@ class Dips:
         ``gaps`` are the smallest and the largest gap that count as closed, m; see `Detector.are_closed`.
         """
         data, detector = self._configuration.data, self._detector
-        reach = self._reach(before, duration, reach)
+        reach = self._reach(before, duration)
         if detector.are_closed(data, max(reach, self._near), pattern, gaps):
             return True
         apart = Distances.of(data)
@@ -137,7 +136,7 @@ class Dips:
         """
         phase, data, now = trial.phase, self._configuration.data, trial.phase_end.now
         before, duration = phase.start.velocity, phase.duration
-        within = self._reach(before, duration, self._travel.reach(before, data.qvel, duration))
+        within = self._reach(before, duration)
         if within <= self._near:
             return None
         found, near, count = now.contact_set, now.pattern, now.pattern.geom_contacts
@@ -270,14 +269,12 @@ class Dips:
         change = mujoco.mju_norm(self._configuration.data.qvel - before)
         return 0.5 * self._travel.farthest * change * duration + self._travel.drift(duration)
 
-    def _reach(self, before: np.ndarray, duration: float, reach: float) -> float:
-        """Return a bound on how much closer two geoms can have come in a phase, m, at most the size of the scene.
-
-        ``reach`` is the phase's `Travel.reach`, m.
-        """
+    def _reach(self, before: np.ndarray, duration: float) -> float:
+        """Return a bound on how much closer two geoms can have come in a phase, m, at most the size of the scene."""
+        after = self._configuration.data.qvel
+        reach = self._travel.closing(before, after, duration)
         if reach > self._wide:
-            travel = self._travel.by(before, self._configuration.data.qvel, duration)
-            reach = 2.0 * max(travel.tolist(), default=0.0)
+            reach = min(reach, 2.0 * max(self._travel.by(before, after, duration).tolist(), default=0.0))
         if self._configuration.surfaces is not None:
             reach += 2.0 * self._travel.drift(duration)
         return min(reach, self._extent)

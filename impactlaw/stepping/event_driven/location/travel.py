@@ -60,17 +60,17 @@ class Travel:
             turned = self._spins & ((self._chains > 0.0) | ~self._chains.any(axis=0))
             self._bounds = np.maximum(self._chains, self._short * turned)
         self.farthest = float(np.linalg.norm(self._bounds.max(axis=0, initial=0.0)))
+        self._closing = np.linalg.norm(self._chains, axis=1)[pairs.geoms].sum(axis=1).max(initial=0.0).item()
 
-    def is_short(self, before: np.ndarray, after: np.ndarray, duration: float, reach: float | None = None) -> bool:
+    def is_short(self, before: np.ndarray, after: np.ndarray, duration: float) -> bool:
         """Return whether no body can have passed through another, or turned so far that orientations alias.
 
-        This is a bound from the velocities, (nv,), at both ends of a phase, and their `reach`. Where it fails,
-        `between` is more precise.
+        This is a bound from the velocities, (nv,), at both ends of a phase. Where it fails, `between` is more precise.
         """
         if not self._passable:
             return True
         short = self._short if self._surfaces is None else self._short - 2.0 * self.drift(duration)
-        if (self.reach(before, after, duration) if reach is None else reach) <= short:
+        if self.farthest * (mujoco.mju_norm(before) + mujoco.mju_norm(after)) * duration <= short:
             return True
         return max(self._bounds.dot(np.abs(before) + np.abs(after)).tolist()) * duration <= short
 
@@ -78,9 +78,9 @@ class Travel:
         """Return how far surfaces that move by themselves can have moved in a phase, m."""
         return 0.0 if self._surfaces is None else self._surfaces.speed * duration
 
-    def reach(self, before: np.ndarray, after: np.ndarray, duration: float) -> float:
-        """Return a bound on the distance that a point of a geom can have moved, m; see `is_short`."""
-        return self.farthest * (mujoco.mju_norm(before) + mujoco.mju_norm(after)) * duration
+    def closing(self, before: np.ndarray, after: np.ndarray, duration: float) -> float:
+        """Return a bound on how much closer two geoms can have come in a phase, m, from the velocities, (nv,)."""
+        return self._closing * max(mujoco.mju_norm(before), mujoco.mju_norm(after)) * duration
 
     def _reaches(self, geoms: np.ndarray) -> np.ndarray:
         """Return a bound on the motion of each geom's points by each coordinate, m per m or per rad, (ngeom, nv)."""

@@ -76,7 +76,9 @@ def hold_with_friction(
         pushing, shift = np.count_nonzero(table[:, 0] > 0), (moving_part(configuration) * phase.duration) * change
         reach = phase_end.now.contact_set.opening(shift)
         far = phase.duration * (configuration.kinetic_norm(free) + configuration.kinetic_norm(change))
-        phase_end, table = _close(phase_end, shift + moved, table, phase, detect_again, reach, far)
+        if np.count_nonzero(shift + moved):
+            phase_end, table = _settle(phase_end, shift + moved, table, phase, detect_again, reach, far)
+        phase_end, table = _opened(phase_end, table, phase, detect_again)
         if np.count_nonzero(table[:, 0] > 0) >= pushing:
             break
         moved = -shift
@@ -86,23 +88,14 @@ def hold_with_friction(
     return tried, partial(_hold_velocity, phase_end, phase, felt, free, table, configuration.added)
 
 
-def _close(
-    phase_end: PhaseEnd,
-    shift: np.ndarray,
-    table: np.ndarray,
-    phase: Phase,
-    detect_again: DetectAgain,
-    reach: float,
-    far: float,
+def _opened(
+    phase_end: PhaseEnd, table: np.ndarray, phase: Phase, detect_again: DetectAgain
 ) -> tuple[PhaseEnd, np.ndarray]:
-    """Shift the bodies, and then open overlaps; arguments and result are those of `_settle`."""
-    if np.count_nonzero(shift):
-        phase_end, table = _settle(phase_end, shift, table, phase, detect_again, reach, far)
+    """Open overlaps; return the contacts and their impulses."""
     phase_end = _with_more(phase_end, phase)
     if np.count_nonzero(phase_end.sustained & (phase_end.now.gap < -CORRECTED * phase.tolerance)):
-        before = phase_end
-        phase_end = hold_position(phase_end, phase, detect_again, np.zeros_like(shift))
-        phase_end = _with_more(phase_end, phase)
+        before, still = phase_end, np.zeros(phase_end.now.configuration.model.nv)
+        phase_end = _with_more(hold_position(phase_end, phase, detect_again, still), phase)
         table = _matched(table, before, phase_end)
     return phase_end, table
 

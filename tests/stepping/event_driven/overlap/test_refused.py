@@ -9,7 +9,7 @@ from stepping.event_driven.overlap.built import BALL, STATIC_LID, build, pushed,
 from impactlaw import MaximalDissipation, Moreau, Stepper, read_contacts
 from impactlaw.envs import ImpactLaw
 from impactlaw.errors import OverlapError, UnfinishedStepError, UnknownNameError
-from impactlaw.stepping.event_driven import scheme as rigid
+from impactlaw.stepping.event_driven import overlap
 from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 
 FLOOR = '<geom name="floor" type="plane" size="5 5 .1"/>'
@@ -142,7 +142,7 @@ def test_a_gap_that_jumps_in_a_phase_is_opened_unless_bodies_are_squeezed(squeez
 
     monkeypatch.setattr(SmoothPhases, "advance_to_contact", advance_deeper)
     if squeezed:
-        monkeypatch.setattr(rigid, "push_out", refuse)
+        monkeypatch.setattr(overlap, "push_out", refuse)
     Stepper(model, Moreau(0.5)).step(data)
     assert jumped
     assert data.qpos[0] == pytest.approx(-1e-7 if squeezed else 0.0, abs=1e-9)
