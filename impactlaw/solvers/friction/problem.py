@@ -52,14 +52,15 @@ class ConeProblem:
         speed: ``|v-|`` if known, sqrt(J).
 
     Attributes:
-        scale: the larger of ``speed`` and the largest ``|b_i| / l_i``, sqrt(J), with which residuals are compared.
+        largest: the largest ``|b_i| / l_i``, sqrt(J).
+        scale: the larger of ``speed`` and ``largest``, sqrt(J), with which residuals are compared.
         lengths: ``l_i``, the largest length of a row of each contact; 1 if all its rows are zero, shape (h,).
         rows: A, padded and scaled, shape (h m, nv).
         shape: (h, m).
         start: b, padded and scaled, shape (h, m).
     """
 
-    __slots__ = ("_delassus", "_place", "exact", "lengths", "rows", "scale", "shape", "start")
+    __slots__ = ("_delassus", "_place", "exact", "largest", "lengths", "rows", "scale", "shape", "start")
 
     def __init__(
         self, gradients: np.ndarray, offset: np.ndarray, sizes: np.ndarray, *, exact: bool = True, speed: float = 0.0
@@ -91,8 +92,8 @@ class ConeProblem:
 
     def _start(self, offset: np.ndarray, speed: float) -> None:
         self.start = self._padded(offset) / self.lengths[:, None]
-        largest = sqrt(np.vecdot(self.start, self.start).max(initial=0.0))
-        self.scale = speed if speed > largest else largest
+        self.largest = max(sqrt(np.vecdot(self.start, self.start).max(initial=0.0)), _TINY)
+        self.scale = max(speed, self.largest)
 
     def _padded(self, values: np.ndarray) -> np.ndarray:
         """Return values of the rows, (n,), with zeros for padding rows, (h, m)."""

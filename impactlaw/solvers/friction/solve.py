@@ -13,7 +13,7 @@ from impactlaw.solvers.one_thread import one_thread
 from impactlaw.solvers.problem import Status
 
 _ALONE = 1e-13  # relative residual at which the answer for a single contact needs no Newton step
-_SHARP = 1e-13  # relative residual that the compiled solver aims at
+_SHARP = 1e-13  # residual that the compiled solver aims at, relative to the problem's scale
 _AGAIN = 4  # number of starts of a thorough search, each from the best point found before
 _WORTH_IT = 0.5  # in haste, start again only if the last start reduced the residual to less than this part
 _MUCH = 1e6  # budget in haste, in works of a time step: practically unlimited, but hopeless searches end early
@@ -159,7 +159,7 @@ def compiled_answer(
     n = problem.start.size
     start = np.zeros(n) if guess is None else np.array(problem.scaled(guess), dtype=float).reshape(-1)
     rows, groups = _layout(problem)
-    limits = start, problem.exact, _SHARP, rounds, _MUCH if hasty else np.inf
+    limits = start, problem.exact, _SHARP * problem.scale / problem.largest, rounds, _MUCH if hasty else np.inf
     x, _, _, taken = solve(*rows, problem.rows.shape[1], *groups, *limits)
     return x.reshape(problem.shape), int(taken)
 

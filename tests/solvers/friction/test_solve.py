@@ -1,5 +1,7 @@
 """The solver of contacts with friction: closed forms, an independent check, random problems, redundant contacts."""
 
+import math
+
 import numpy as np
 import pytest
 from laws.frictional import friction_problem
@@ -186,3 +188,17 @@ def test_a_jam_next_to_a_fast_collision_is_soon_seen_in_haste(slow):
     answer = solve_cones(problem, hasty=True)
     assert answer.status is Status.INFEASIBLE
     assert answer.iterations < 100
+
+
+@pytest.mark.parametrize("inertia", [1e-4, 1e-6, 1e-7])
+def test_a_contact_at_a_light_body_takes_few_steps(inertia):
+    """Velocities beside those of the scene are as exact as those allow: the foot of a leg without inertia sticks."""
+    root = np.diag([1.0, 1.0, 1.0 / math.sqrt(inertia)])
+    J = np.array([[0.0, 1.0, -math.sin(0.17)], [2.0, 0.0, -2.0 * math.cos(0.17)]])
+    v = np.array([0.3, -0.02, 0.3])
+    speed = math.sqrt(v[:2] @ v[:2] + inertia * v[2] ** 2)
+    problem = ConeProblem(J @ root, J @ v, np.array([2]), speed=speed)
+    answer = solve_cones(problem, rounds=BRIEF)
+    assert answer.status is Status.SOLVED
+    assert answer.iterations <= 20
+    np.testing.assert_allclose(J @ (root @ answer.jump), -J @ v, rtol=0, atol=1e-12 * np.abs(J @ root).max())

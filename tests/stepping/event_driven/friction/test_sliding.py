@@ -156,3 +156,31 @@ def test_sliding_over_a_sphere_is_of_second_order_however_the_scene_lies_in_the_
     for rotation in ROTATIONS:
         coarse, middle, fine = (slide_over_a_sphere(3, h, rotation) for h in (4e-3, 2e-3, 1e-3))
         assert np.linalg.norm(coarse - middle) > 3.5 * np.linalg.norm(middle - fine)
+
+
+@pytest.mark.parametrize("inertia", [1e-3, 1e-6, 1e-7])
+def test_a_rimless_wheel_rolls_down_whatever_its_inertia(inertia):
+    """McGeer's wheel of 8 spokes of 1 m with its mass at the hub: ``omega+ = eta omega-``, with energy kept between.
+
+    Without inertia the foot's impulse is found among contact velocities that are small beside those of the scene.
+    """
+    half, slope, size = math.pi / 8, 0.1, 1e-5
+    feet = "".join(
+        f'<geom pos="{math.sin(2 * half * i)} 0 {-math.cos(2 * half * i)}" size="{size}" mass="0" friction="2 0 0"/>'
+        for i in range(8)
+    )
+    hub = f'<inertial pos="0 0 0" mass="1" diaginertia="{inertia} {inertia} {inertia}"/>'
+    joints = '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/>'
+    wheel = f'<body pos="0 0 {math.cos(half) + size}">{hub}{joints}{feet}</body>'
+    model, data = compiled(floor(2.0) + wheel, option=sloped(slope, 'timestep="0.002" integrator="RK4"'))
+    data.qpos[2], data.qvel[:] = half, (math.cos(half), math.sin(half), 1.0)
+    stepper = Stepper(model, MaximalDissipation())
+    events = run(stepper, data, 700)
+    part = 1.0 / (1.0 + inertia)
+    eta, omega = 1.0 - part * (1.0 - math.cos(2 * half)), 1.0
+    omega = math.sqrt(omega**2 + 4.0 * part * G * math.sin(half) * math.sin(slope))
+    assert [len(event.contacts) for event in events] == [2]
+    impact = events[0].impact
+    assert impact.collision.pre_velocity[2] == pytest.approx(omega, rel=2e-3)
+    assert impact.post_velocity[2] / impact.collision.pre_velocity[2] == pytest.approx(eta, rel=1e-4)
+    assert stepper.unlocated == 0
