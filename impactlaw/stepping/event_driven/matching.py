@@ -117,14 +117,12 @@ def kept_on_faces(found: Matched, before: Matched, held: np.ndarray) -> np.ndarr
 
 
 def continued(phase_end: PhaseEnd, phase: Phase, deepest: int, gap: float) -> Continued | None:
-    """Return the change of a gap if the contact continues one in another place of common faces; else None.
+    """Return the change of a gap if a vague contact continues one in another place of common faces; else None.
 
     That contact was closed and did not separate, or so slowly that its rebound rises less than the gap tolerance. The
     surfaces did not separate faster where they touch now.
     """
     start, pattern, tau = phase.start, phase_end.now.pattern, phase.duration
-    if phase_end.known[deepest] >= 0 or not pattern.vague[deepest]:
-        return None
     velocity, contact_set = start.contact_velocity, phase_end.now.contact_set
     opening = contact_set.contact_velocity(start.velocity)[deepest]
     if _is_thrown(opening, 2.0 * (opening * tau - gap), phase):

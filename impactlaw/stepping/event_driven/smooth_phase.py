@@ -194,16 +194,19 @@ class SmoothPhases:
     def _locate(self, state: np.ndarray, trial: TrialStep, begun: ContactState) -> tuple[TrialStep, bool]:
         """Return the trial up to the first gap that closes, given a longer one, and whether a gap closes.
 
-        If no gap has closed, since a contact only runs along a rim, the trial has lost no contact, and it is repeated
-        with the forces of ``begun``.
+        Where a contact only runs along a rim, the trial has lost no contact, and it is repeated with the forces of
+        ``begun``.
         """
         start, tried = trial.phase.start, trial.phase._replace(smooth=False)
         again = self._again(state, tried)
         travel = self._travel.between(start.frames, self.configuration.data)
-        if self._is_continued(trial, again):
+        pair = self._continued(trial, again)
+        if pair is not None:
             held = self._again(state, tried._replace(start=begun))(tried.duration, smooth=True)
             if held.gap >= -self.tolerance:
                 return held, False
+            if held.phase_end.now.pattern.key[held.deepest] != pair:  # another gap has closed
+                trial, start, again = held, held.phase.start, self._again(state, held.phase)
         shortest = tried.duration * self.tolerance / max(*travel.tolist(), -trial.gap, self.tolerance)
         gap_functions = GapFunctions(start.gap, start.contact_velocity, exact=self.configuration.is_rk4)
         gap_functions.add(trial.duration, trial.observations)
@@ -216,19 +219,27 @@ class SmoothPhases:
             return (held, True) if held.gap >= -self.tolerance else (again(located.duration), True)
         return located, True
 
-    def _is_continued(self, trial: TrialStep, again: Callable[[float], TrialStep]) -> bool:
-        """Return whether the deepest contact continues one that was closed at the start, in another place.
+    def _continued(self, trial: TrialStep, again: Callable[[float], TrialStep]) -> int | None:
+        """Return the key of a pair of which a contact continues one that was closed at the start, in another place.
 
-        Two earlier times show whether its gap has bent smoothly. One alone does not distinguish it from the gap of
-        another edge, which was open and falls at constant speed.
+        Of the open gaps that are negative at the end, the deepest that may do so is looked at; None if it does not. Two
+        earlier times show whether its gap has bent smoothly. One alone does not distinguish it from the gap of another
+        edge, which was open and falls at constant speed.
         """
-        begun = continued(trial.phase_end, trial.phase, trial.deepest, trial.gap)
-        if begun is None:
-            return False
-        half = again(0.5 * trial.duration)
-        if runs_on(half.phase_end, trial.phase_end, trial.phase, trial.deepest):
-            return True
-        return begun.is_smooth(half.gap) and begun.to_half(half.gap).is_smooth(again(0.25 * trial.duration).gap)
+        end, gap = trial.phase_end, trial.phase_end.now.gap
+        deep = np.flatnonzero((end.known < 0) & end.now.pattern.vague & (gap < -self.tolerance))
+        for one in deep[gap[deep].argsort()].tolist():
+            begun = continued(end, trial.phase, one, gap.item(one))
+            if begun is None:
+                continue
+            pair, half = int(end.now.pattern.key[one]), again(0.5 * trial.duration)
+            if runs_on(half.phase_end, end, trial.phase, one):
+                return pair
+            middle = half.least_gap(pair)
+            if not begun.is_smooth(middle):
+                return None
+            return pair if begun.to_half(middle).is_smooth(again(0.25 * trial.duration).least_gap(pair)) else None
+        return None
 
     def _try_safely(
         self, state: np.ndarray, start: ContactState, duration: float, *, hold_all: bool = False

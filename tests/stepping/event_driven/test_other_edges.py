@@ -1,10 +1,13 @@
 """Bodies that turn about one edge until another one hits: MuJoCo may report one point of their face at a time."""
 
+import math
+
+import mujoco
 import numpy as np
 import pytest
 from scenes import compiled, run
 
-from impactlaw import Moreau, Stepper
+from impactlaw import Moreau, Newton, Stepper
 
 BAR = "".join(f"{x} {y} {z} " for x in (-0.05, 0.05) for y in (-0.05, 0.05) for z in (-0.1, 0.1))
 ASSETS = f'<asset><mesh name="bar" vertex="{BAR}"/></asset>'
@@ -35,3 +38,31 @@ def test_an_edge_hits_while_another_one_is_held(shape, part):
     np.testing.assert_allclose(on_box[0], on_plane[0], atol=1e-3)
     assert on_box[0][1] > -2.0  # rad/s; it was -5 before
     assert on_box[1] == on_plane[1] == 2
+
+
+@pytest.mark.parametrize(("tilt", "spin"), [(0.05, (0.0, 2.0, 0.0)), (0.1, (0.0, 2.0, 0.0)), (0.03, (1.0, 3.0, 0.0))])
+def test_a_can_that_runs_along_its_rim_does_not_mind_a_ball_that_bounces_elsewhere(tilt, spin):
+    """Its contact point runs many times as fast as the can moves, in a step that the ball cuts short as in any other.
+
+    Alone it has no collision; beside the ball it moves as alone, up to the error of steps of other lengths.
+    """
+    radius, half = 0.06, 0.05
+    floor = '<geom name="floor" type="plane" size="9 9 1"/>'
+    pose = f'pos="0 0 {half * math.cos(tilt) + radius * math.sin(tilt):.16f}" euler="{math.degrees(tilt):.16f} 0 0"'
+    can = f'<body {pose}><freejoint/><geom name="can" type="cylinder" size="{radius} {half}" mass="1"/></body>'
+    ball = '<body pos="3 0 .105"><joint type="slide" axis="0 0 1"/><geom name="ball" size=".1" mass="1"/></body>'
+    ends, labels = [], []
+    for bodies in (can, can + ball):
+        model, data = compiled(floor + bodies, option='timestep="0.002" integrator="RK4"')
+        data.qvel[3:6] = spin
+        mujoco.mj_forward(model, data)
+        turn = data.geom("can").xmat.reshape(3, 3)
+        outward = -turn[2, :2] / math.hypot(*turn[2, :2])
+        lowest = turn @ (*radius * outward, -half)
+        data.qvel[2] = -np.cross(turn @ spin, lowest)[2]
+        stepper = Stepper(model, Newton(0.9), friction="ignore")
+        labels.append([event.contacts.labels for event in run(stepper, data, 100)])
+        ends.append(data.qpos[:7].copy())
+        assert stepper.unlocated == 0
+    assert labels == [[], 4 * [("floor/ball",)]]
+    np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-3)

@@ -50,6 +50,11 @@ class TrialStep(NamedTuple):
         before = self.phase_end.known[self.deepest]
         return bool(before >= 0 and abs(self.phase.start.gap[before]) <= self.phase.tolerance)
 
+    def least_gap(self, pair: int) -> float:
+        """Return the smallest gap of a pair of geoms, given by its key, m; infinite if none is near."""
+        now = self.phase_end.now
+        return float(now.gap[now.pattern.key == pair].min(initial=np.inf))
+
     @property
     def observations(self) -> list[Observation]:
         """Contacts that are not held, by gap; those that were not near at the start are identified by their geoms."""
