@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from impactlaw.errors import SolverError, UnsolvableLawError
+from impactlaw.errors import SolverError, UnfinishedStepError, UnsolvableLawError
 from impactlaw.laws import Coulomb, Law, Poisson, Routh
 from impactlaw.laws.base import aim
 from impactlaw.laws.friction.groups import groups_of, ties_of
@@ -14,6 +14,7 @@ from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.mechanics.impact import Impact
 from impactlaw.solvers.friction.problem import ConeProblem
+from impactlaw.solvers.friction.solve import Effort
 
 
 class LawTargets:
@@ -42,32 +43,39 @@ class LawTargets:
         unit = np.eye(len(velocity))
         return np.asarray(aim(self.law, Collision(unit, unit, velocity, labels=tuple(labels))).contact_velocity)
 
-    def with_friction(self, collision: Collision) -> tuple[np.ndarray, np.ndarray] | None:
+    def rules(self, collision: Collision) -> bool:
+        """Return whether the law has its own rule for the impulses of a collision with friction."""
+        return self.rule is not None and collision.friction is not None
+
+    def with_friction(self, collision: Collision, effort: Effort | None = None) -> tuple[np.ndarray, np.ndarray] | None:
         """Return ``gamma^h``, (k,), and final sliding velocities of a rule with friction.
 
-        Return None if the law has no such rule, the collision has no friction, or the rule finds no impulses.
+        Return None if the rule finds no impulses, within an effort.
         """
-        impact = None if self.rule is None or collision.friction is None else self.outcome(collision)
+        impact = self.outcome(collision, effort)
         if impact is None:
             return None
         assert isinstance(impact, FrictionImpact)
         return impact.post_contact_velocity, impact.post_sliding_velocity
 
-    def of_all(self, collision: Collision) -> np.ndarray:
-        """Return ``gamma^h``, (k,), of all contacts of a collision; E = 0 if the law has no solution."""
+    def of_all(self, collision: Collision) -> np.ndarray | None:
+        """Return ``gamma^h``, (k,), of all contacts of a collision without friction; None if there is no solution."""
         try:
             if self.law.has_target:
                 return np.asarray(aim(self.law, collision).contact_velocity, dtype=float)
             return self.law.resolve(collision).post_contact_velocity
         except (UnsolvableLawError, SolverError):
-            return np.zeros(len(collision.labels))
+            return None
 
-    def outcome(self, collision: Collision) -> Impact | None:
-        """Return the impact of the rule with friction in it, or else of the law; None where it has no solution."""
-        law = self.law if self.rule is None or collision.friction is None else self.rule
+    def outcome(self, collision: Collision, effort: Effort | None = None) -> Impact | None:
+        """Return the impact of the rule with friction in it, or else of the law.
+
+        Return None where it has no solution, or none is found within an effort.
+        """
+        law = self.rule if self.rule is not None and self.rules(collision) else self.law
         try:
-            return law.resolve(collision)
-        except (UnsolvableLawError, SolverError):
+            return law.resolve(collision, effort=effort) if isinstance(law, Coulomb) else law.resolve(collision)
+        except (UnsolvableLawError, SolverError, UnfinishedStepError):
             return None
 
     def couples(self, collision: Collision) -> bool:

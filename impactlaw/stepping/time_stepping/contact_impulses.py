@@ -19,6 +19,7 @@ from impactlaw.scene.equality_constraints import constraint_kinds
 from impactlaw.scene.joint_limits import Limits
 from impactlaw.scene.tolerances import meter
 from impactlaw.solvers.cones import BILATERAL
+from impactlaw.solvers.friction.solve import THOROUGH
 from impactlaw.stepping.compiled.whitening import Inertia
 from impactlaw.stepping.law_targets import LawTargets
 from impactlaw.stepping.time_stepping.events import CollisionRecord, beside_constraints
@@ -31,7 +32,8 @@ from impactlaw.stepping.time_stepping.problem.solution.contact_problem import Ai
 from impactlaw.stepping.time_stepping.problem.solution.resolve import Resolved, resolve_step
 from impactlaw.stepping.time_stepping.problem.solution.scaling import RESERVE
 from impactlaw.stepping.time_stepping.problem.targets import aim, close_gaps
-from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, PHASES, RESOLVED, REST_SPEED, is_met
+from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, LAW_WORK, PHASES, RESOLVED, REST_SPEED, is_met
+from impactlaw.stepping.work import Work
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +55,8 @@ class StepImpulses:
     answer: Resolved  # sums and largest values of all phases; ``reached`` is NaN if collisions were one after another
     velocity: np.ndarray  # velocity with these impulses, (nv,)
     collisions: tuple[CollisionRecord, ...]  # collisions of the step, one after another
-    # whether restitution is lost: contacts that are hit only through others got no phase of their own, bodies jam, or
-    # no work was left to find how much restitution creates no energy
+    # whether restitution is lost: contacts that are hit only through others got no phase of their own, bodies jam, the
+    # law found no impulses, or no work was left to find how much restitution creates no energy
     later: bool
 
 
@@ -70,6 +72,7 @@ class _Phase:
     collides: np.ndarray  # groups that collide
     seen: ContactSnapshot | None  # the contacts shown to the law, if it was asked
     together: bool  # whether the law couples contacts that do not influence each other
+    lost: bool  # whether the law, or its friction, has found no impulses
     answer: Resolved
 
     @property
@@ -103,7 +106,12 @@ class ContactProblem:
         self._rest_speed = REST_SPEED if rest_speed is None else rest_speed
         self.meter = meter(model.opt.gravity)
         self.bilateral, self.names, self.limits = constraint_kinds(model), geom_names(model), Limits(model)
+        self._work = Work(model.nv, LAW_WORK, rounds=THOROUGH)
         self._take(law)
+
+    def begin(self) -> None:
+        """Start a step, in which the law may take some work, see `tolerances.LAW_WORK`."""
+        self._work.begin()
 
     def under(self, law: Law) -> ContactProblem:
         """Return the same problem under another law."""
@@ -157,8 +165,8 @@ class ContactProblem:
         for phase in range(PHASES):
             met = self._meet(step, now, before, known, rounds, may, more=more and phase < PHASES - 1)
             answer, more = met.answer, more and met.solved
-            # bodies jam, or no work was left to find how much restitution creates no energy
-            gives_up = answer.share == 0.0 or answer.created > 0.0 >= step.left[0]
+            # bodies jam, no work was left to find how much restitution creates no energy, or the law has no solution
+            gives_up = answer.share == 0.0 or answer.created > 0.0 >= step.left[0] or met.lost
             cut = bool(cut or met.cut or gives_up)
             impulse[place[met.place]] += answer.impulse
             after = after + answer.change
@@ -217,7 +225,8 @@ class ContactProblem:
         If restitution is to be `scaled`, it creates no energy, or an error is raised.
         """
         model, h = self._model, self._model.opt.timestep
-        e, n, g, seen, together = self.targets.restitution or 0.0, len(rows.scale), len(rows.key), None, False
+        e, n, g, seen = self.targets.restitution or 0.0, len(rows.scale), len(rows.key), None
+        together = lost = False
         target, collides, bound = np.empty(g), np.empty(g, dtype=bool), np.zeros(g, dtype=bool)
         resolved = RESOLVED * self.meter
         some = for_python(aim)(
@@ -225,7 +234,7 @@ class ContactProblem:
         )
         aims = Aims(target, -self._sliding * rows.before if self._sliding and some else np.zeros(n), collides)
         if some:
-            seen, together = self._collide(step, rows, before, aims, bound)
+            seen, together, lost = self._collide(step, rows, before, aims, bound)
         else:
             for_python(write_sliding)(rows.groups, rows.rates, resolved, aims.sliding)
         project = scaled and self._on_inadmissible == "project"
@@ -240,17 +249,18 @@ class ContactProblem:
             raise self.inadmissible(created, step.data.time - h)
         none = np.zeros(len(rows.key), dtype=bool)
         scalable = created > 0.0 and self._on_inadmissible != "allow"
-        return _Phase(rows, np.arange(n), none, False, scalable, collides, seen, together, answer)
+        return _Phase(rows, np.arange(n), none, False, scalable, collides, seen, together, lost, answer)
 
     def _collide(
         self, step: Start, rows: Rows, before: np.ndarray, aims: Aims, bound: np.ndarray
-    ) -> tuple[ContactSnapshot | None, bool]:
+    ) -> tuple[ContactSnapshot | None, bool, bool]:
         """Get the targets of the law, and make equality constraints keep their velocity in the collision.
 
-        Write which constraints must not drive the collision. Return the contacts shown to the law, and whether the law
-        couples contacts that do not influence each other.
+        Write which constraints must not drive the collision. Return the contacts shown to the law, and what `_ask_law`
+        returns.
         """
-        data, collides, seen, together = step.data, aims.collides, None, False
+        data, collides, seen = step.data, aims.collides, None
+        together = lost = False
         if self.targets.restitution is None:
             seen = self._see(step, rows)
             if not self.targets.alone:
@@ -260,9 +270,9 @@ class ContactProblem:
             for_python(hold_constraints)(rows, collides, kinds, self._model.dof_treeid)
             bound[:] = kinds != 0
         if seen is not None:
-            together = self._ask_law(seen, before, aims)
+            together, lost = self._ask_law(seen, before, aims)
         for_python(close_gaps)(rows, self._model.dof_treeid, collides, aims.target)
-        return seen, together
+        return seen, together, lost
 
     def _kinds(self, data: mujoco.MjData, rows: Rows) -> np.ndarray:
         """Return `constraint_kinds` for groups that are equality constraints, 0 for other groups, uint8 (g,)."""
@@ -274,34 +284,40 @@ class ContactProblem:
         kept = self._kinds(step.data, rows) != 0
         return ContactSnapshot.of(self._model, step.data, rows, kept, self.names, self.limits, step.metric)
 
-    def _ask_law(self, seen: ContactSnapshot, velocity: np.ndarray, aims: Aims) -> bool:
+    def _ask_law(self, seen: ContactSnapshot, velocity: np.ndarray, aims: Aims) -> tuple[bool, bool]:
         """Write the law's targets for colliding contacts, which include closed ones they reach if the law needs these.
 
-        Return whether the law couples contacts that do not influence each other.
+        Where a rule with friction finds no impulses, they are those of the law without friction; where that has no
+        solution either, contacts come to rest. Return whether the law couples contacts that do not influence each
+        other, and whether it has found no impulses.
         """
         law, rows, target = self.targets, seen.rows, aims.target
         groups = in_order(rows, aims.collides)
         labels = seen.contacts(groups).labels
         if law.alone:
             target[groups] = law.of_each(labels, rows.before[rows.first[groups]])
-            return False
+            return False, False
 
         def collision(acts: np.ndarray, *, friction: bool) -> Collision:
             return seen.collision(groups, velocity, labels, friction=friction, acts=acts)
 
         def resolve(acts: np.ndarray) -> tuple[Impact, bool | None]:
             c = collision(acts, friction=law.rule is not None)
-            impact = law.outcome(c)
+            impact = law.outcome(c, self._work)
             return (Impact.observed(c, c.pre_velocity), True) if impact is None else (impact, None)
 
         acts = beside_constraints(seen, groups, resolve)[1] if seen.kept.any() else seen.kept
-        asked = collision(acts, friction=law.rule is not None)
-        ended = law.with_friction(asked)
-        if ended is None:
-            target[groups] = law.of_all(collision(acts, friction=False))
-        else:
-            target[groups], aims.sliding[seen.tangential(groups)[0]] = ended
-        return law.couples(asked)
+        asked, lost = collision(acts, friction=law.rule is not None), False
+        if law.rules(asked):
+            ended = law.with_friction(asked, self._work)
+            lost = ended is None
+            if ended is not None:
+                target[groups], aims.sliding[seen.tangential(groups)[0]] = ended
+        if lost or not law.rules(asked):
+            found = law.of_all(collision(acts, friction=False))
+            lost = lost or found is None
+            target[groups] = 0.0 if found is None else found
+        return law.couples(asked), lost
 
     def _record(self, step: Start, met: _Phase, before: np.ndarray, after: np.ndarray) -> CollisionRecord:
         """Return a record of a collision."""

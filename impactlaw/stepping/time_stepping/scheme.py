@@ -272,6 +272,7 @@ class TimeStepping:
 
         Return the velocity that opens overlaps, if there are any to open, and whether the law is met.
         """
+        self.problem.begin()
         working_set = WorkingSet(
             self.model, w, self.problem, self.inertial, self._friction, self._velocity, self._middle,
             self._metric, self._memory.work, MANY_ROUNDS if self.solved else FEW_ROUNDS,

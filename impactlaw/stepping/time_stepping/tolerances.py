@@ -23,6 +23,8 @@ PHASE_SETS = 8
 """Number of further working sets if collisions are one after another: each of them can close another contact."""
 PHASE_SET_ROWS = 50
 """Largest number of rows of a contact problem that then gets a further working set."""
+LAW_WORK = 200.0
+"""Units of `work.Work` in a step for what a law with its own rule for friction, such as Poisson's, asks of contacts."""
 PHASES = 64
 """Largest number of collisions one after another within a step, for contacts hit through others across open gaps."""
 WIDER_DETECTIONS = 8
