@@ -240,11 +240,6 @@ class Surfaces:
         return data.time == self._time and self._first is not self._before
 
     @property
-    def end_velocity(self) -> np.ndarray:
-        """Velocities of mocap bodies at the end of this step, (nmocap, 6)."""
-        return self._last
-
-    @property
     def middle_velocity(self) -> np.ndarray:
         """Velocities of mocap bodies in the middle of this step, (nmocap, 6)."""
         return 1.5 * self._mean - 0.25 * (self._first + self._last)

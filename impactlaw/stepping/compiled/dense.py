@@ -7,7 +7,7 @@ from functools import lru_cache
 import mujoco
 import numpy as np
 
-from impactlaw.compiled import compiled
+from impactlaw.solvers.cones.algebra.loops import plain
 
 _ROWS = 64
 _ROUNDING = 1e-12  # force up to which a contact does not push, relative to the largest of the step
@@ -33,7 +33,7 @@ def sparse_jacobian(
     return nnz[:n], adr[:n], col[: n * nv], data.efc_J.reshape(-1)
 
 
-@compiled("(float64[::1],float64[:],float64,int32[:],int32[:],int32[:,:],int32[:])")
+@plain
 def leave_open_out(force, gap, touch, dim, address, contacts, owners):
     """Move open contacts that do not push behind the others; return how many the others are.
 
@@ -66,7 +66,7 @@ def leave_open_out(force, gap, touch, dim, address, contacts, owners):
     return count
 
 
-@compiled("(float64[::1],int32[:],int32[:],int32[:],float64[:,:],float64[::1])")
+@plain
 def encode_pyramids(force, elliptic, address, dim, friction, out):
     """Convert forces of rows with elliptic cones to those with pyramidal cones, half of ``f_n / m ± f_k / mu_k`` each.
 

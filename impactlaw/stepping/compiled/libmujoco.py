@@ -75,13 +75,14 @@ apply_to_worlds = _external("mjb_apply", _P, _P, _I, _P, _P, _I, returned=_I)
 is_sparse, make_data = _external("mj_isSparse", _P, returned=_I), _external("mj_makeData", _P, returned=_P)
 
 
-_CALLBACKS = ("control", "passive", "act_dyn", "act_gain", "act_bias", "contactfilter", "sensor")
+CALLBACKS = ("control", "passive", "act_dyn", "act_gain", "act_bias", "contactfilter", "sensor")
+"""Names of MuJoCo's callbacks that steps call."""
 
 
 @cache
 def callbacks() -> np.ndarray:
     """Return the addresses at which MuJoCo keeps its callbacks, int64."""
-    places = [ctypes.addressof(ctypes.c_void_p.in_dll(library(), f"mjcb_{name}")) for name in _CALLBACKS]
+    places = [ctypes.addressof(ctypes.c_void_p.in_dll(library(), f"mjcb_{name}")) for name in CALLBACKS]
     return np.array(places, dtype=np.int64)
 
 
@@ -99,13 +100,13 @@ def without_callbacks() -> Iterator[None]:
     """
     places = [ctypes.c_size_t.from_address(place) for place in callbacks().tolist()]
     addresses = [place.value for place in places]
-    functions = [getattr(mujoco, f"get_mjcb_{name}")() for name in _CALLBACKS]
+    functions = [getattr(mujoco, f"get_mjcb_{name}")() for name in CALLBACKS]
     try:
-        for name in _CALLBACKS:
+        for name in CALLBACKS:
             getattr(mujoco, f"set_mjcb_{name}")(None)
         yield
     finally:
-        for name, function, place, address in zip(_CALLBACKS, functions, places, addresses, strict=True):
+        for name, function, place, address in zip(CALLBACKS, functions, places, addresses, strict=True):
             getattr(mujoco, f"set_mjcb_{name}")(function)
             place.value = address
 

@@ -39,25 +39,26 @@ from impactlaw.stepping.compiled.layout import empty_stack
 from impactlaw.stepping.compiled.shared import EngineError
 from impactlaw.stepping.compiled.whitening import Inertia
 from impactlaw.stepping.impact_event import ImpactEvent
-from impactlaw.stepping.integration import check_input, empty_state, is_huge, restore_state, save_state
+from impactlaw.stepping.integration import check_input, empty_state, restore_state, save_state
 from impactlaw.stepping.plan import Plan
-from impactlaw.stepping.time_stepping.compiled.end_of_step import begins_overlapping, correct_end, limit_energy
+from impactlaw.stepping.time_stepping.compiled.end_of_step import begins_overlapping
+from impactlaw.stepping.time_stepping.compiled.ending import end_step, finish
+from impactlaw.stepping.time_stepping.compiled.far_contacts import take_far_back
+from impactlaw.stepping.time_stepping.compiled.midpoint import (
+    detect_farther,
+    detect_limits,
+    free_step,
+    outrun,
+    to_midpoint,
+)
+from impactlaw.stepping.time_stepping.compiled.model_copy import room
+from impactlaw.stepping.time_stepping.compiled.state.status import FINE
+from impactlaw.stepping.time_stepping.compiled.state.surfaces import last_motion, put_motion
 from impactlaw.stepping.time_stepping.compiled.state.world import World
 from impactlaw.stepping.time_stepping.contact_impulses import ContactProblem
 from impactlaw.stepping.time_stepping.events import CollisionRecord, events_of
-from impactlaw.stepping.time_stepping.free_motion import (
-    detect_farther,
-    frames_of,
-    free_step,
-    outrun,
-    reach,
-    take_far_back,
-    to_midpoint,
-    update_frames,
-    update_inertia,
-)
 from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
-from impactlaw.stepping.time_stepping.problem.forces import listed_stage, sense, write_forces
+from impactlaw.stepping.time_stepping.problem.forces import listed_stage
 from impactlaw.stepping.time_stepping.problem.gradient_turns import write_turns
 from impactlaw.stepping.time_stepping.problem.rows import Known, Rows
 from impactlaw.stepping.time_stepping.problem.solution.scaling import RESERVE
@@ -65,10 +66,11 @@ from impactlaw.stepping.time_stepping.problem.tiny_gaps import TOUCHING
 from impactlaw.stepping.time_stepping.temporary_options import TemporaryOptions
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, MANY_ROUNDS, WIDER_DETECTIONS
 from impactlaw.stepping.time_stepping.working_set import Outcome, WorkingSet
-from impactlaw.stepping.time_stepping.world import WorldMemory, errors_of_filter
+from impactlaw.stepping.time_stepping.world import WorldMemory, errors_of_callbacks
 
-_ELLIPTIC = int(mujoco.mjtCone.mjCONE_ELLIPTIC)
-_ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+_NO_ACTUATION = int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+_INTEGERS, _NUMBERS = np.zeros((4, 0), np.int32), np.zeros((7, 0))
+_NO_ROWS = Rows(_INTEGERS[:3], _INTEGERS[0], _NUMBERS[0], _INTEGERS, np.zeros(0, np.int64), _NUMBERS[:2], _NUMBERS)
 
 
 class TimeStepping:
@@ -85,6 +87,7 @@ class TimeStepping:
         solved: whether the last step with contact is not among these steps, apart from friction that was not found.
         unlocated: always 0, since no collision is located.
         inertial: Coriolis and gyroscopic forces.
+        carriers: the mocap body that carries each geom, see `Surfaces`, int32 (ngeom,).
     """
 
     def __init__(
@@ -104,9 +107,12 @@ class TimeStepping:
             model, law, friction=friction, on_inadmissible=on_inadmissible, rest_speed=rest_speed
         )
         self._friction = plan.friction
-        self._surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces and model.nmocap else None
+        surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces and model.nmocap else None
+        self._surfaces = 0.0 if surfaces is None else 1.0 + surfaces.meet
+        self.carriers = np.full(model.ngeom, -1, np.int32) if surfaces is None else surfaces.carrier
         self._options = TemporaryOptions(model)
-        self._memory = WorldMemory(model)
+        self._memory = WorldMemory(model, self.carriers)
+        self._room = np.empty(11 * model.nbody + max(room(model), 3 * model.nv))
         self.inertial = InertialForces(model)
         self._listed = listed_stage(model)
         self._state = empty_state(model)
@@ -114,10 +120,6 @@ class TimeStepping:
         self._frames: tuple[bytes, ...] = ()
         self._known: Known | None = None
         self._collisions: tuple[CollisionRecord, ...] = ()
-        self._rows: Rows | None = None
-        self._contacts = np.zeros(0, np.int32), np.zeros(0)  # see `end_of_step.copy_contacts`
-        self._counted = False
-        self._metric = Inertia(*np.zeros((5, 0)))
         self._middle, self._velocity = np.zeros(0), np.zeros(0)
         self._gained = np.zeros(model.nv)  # change of velocity by forces in the last step, without contact
         self._held = np.zeros(model.nv)  # change of velocity by contact in the last step, if nothing collided
@@ -128,12 +130,6 @@ class TimeStepping:
         """Use another law for the collisions of the next steps."""
         self.problem = self.problem.under(law)
 
-    @property
-    def carriers(self) -> np.ndarray:
-        """The mocap body that carries each geom, see `Surfaces`, int32 (ngeom,)."""
-        none = np.full(self.model.ngeom, -1, np.int32)
-        return none if self._surfaces is None else self._surfaces.carrier
-
     def coefficients(self) -> Coefficients:
         """Return a table of the law's coefficients, initially empty."""
         problem = self.problem
@@ -142,17 +138,16 @@ class TimeStepping:
     @property
     def last_motion(self) -> LastMotion | None:
         """Motion of mocap bodies in the last step; None if they move no surfaces."""
-        return None if self._surfaces is None else self._surfaces.last_motion
+        return last_motion(self._memory.motion, self.model) if self._surfaces else None
 
     def move_on(self, motion: LastMotion | None) -> None:
         """Set the motion of mocap bodies in the last step."""
-        if self._surfaces is not None and motion is not None:
-            self._surfaces.go_on(motion)
+        if self._surfaces:
+            put_motion(self._memory.motion, self.model, motion)
 
     def take_surfaces(self, surfaces: Surfaces) -> None:
         """Continue with these surfaces, moved by mocap bodies, if the scene has any."""
-        if self._surfaces is not None:
-            self._surfaces = surfaces
+        self.move_on(surfaces.last_motion)
 
     def resume(
         self, data: mujoco.MjData, known: Known, gained: np.ndarray, motion: LastMotion | None, *, solved: bool
@@ -168,7 +163,7 @@ class TimeStepping:
             solved: whether that step has met the law.
         """
         with self._options:
-            update_frames(self.model, data)
+            _update_frames(self.model, data)
         self._leave(data)
         self._known, self._gained, self.solved = known if len(known.key) else None, gained[0].copy(), solved
         self._held = gained[1].copy()
@@ -185,7 +180,7 @@ class TimeStepping:
             1.0,
             np.nan if targets.restitution is None else targets.restitution,
             targets.law.restitution if isinstance(targets.law, Reversal) else np.nan,
-            0.0 if self._surfaces is None else 1.0 + self._surfaces.meet,
+            self._surfaces,
             0.0,
             float(self._options.stands),
             float(self._listed),
@@ -204,7 +199,7 @@ class TimeStepping:
             refuse_override(model)
         self.inertial.look()
         try:
-            with self._options:
+            with errors_of_callbacks(), self._options:
                 self._step(data)
             return self._events()
         except BaseException as error:
@@ -222,107 +217,105 @@ class TimeStepping:
         return partial(events_of, self._collisions) if self._collisions else ()
 
     def _step(self, data: mujoco.MjData) -> None:
-        model, h = self.model, self.model.opt.timestep
-        self._collisions, self._rows = (), None
-        self.shortfall = 0.0
+        model, options, inertial = self.model, self._options, self.inertial
+        self._collisions, self.shortfall = (), 0.0
         same = (data.qpos.tobytes(), data.qvel.tobytes()) == self._left
-        if not same or frames_of(data) != self._frames:
-            update_frames(model, data)
+        if not same or _frames_of(data) != self._frames:
+            _update_frames(model, data)
         if not same:
             self._known, self._gained, self._held = None, np.zeros(model.nv), np.zeros(model.nv)
-        if self._surfaces is not None:
-            self._surfaces.begin(data, h)
-        options = self._options
-        w = self._memory.world(data, self.settings(), self._surfaces, damped=options.damped)
-        now = reach(w, model, data, self._gained, self._memory.sizes)
-        self._velocity, start = data.qvel.copy(), data.qpos.copy()
-        self._middle, self._overflown = to_midpoint(w, model, data, self._surfaces, options, now)
-        self._metric = free_step(w, model, data, options, self.inertial, self._velocity, self._held)
-        self._gained, self._held = data.qvel - self._velocity, np.zeros(model.nv)
-        take_far_back(w, model, data, self._velocity, self._middle)
-        shift, met = None, True
+        w = self._memory.world(data, self.settings(), damped=options.damped)
+        start, self._velocity, self._middle = data.qpos.copy(), np.empty(model.nv), np.empty(model.nq)
+        self._overflown = for_python(to_midpoint)(w, self._gained, self._velocity, self._middle, self._room)
+        control = mujoco.get_mjcb_control()
+        if control is not None and not model.opt.disableflags & _NO_ACTUATION:
+            control(model, data)
+        forces, self._gained = (inertial.turning, inertial.gravity), np.empty(model.nv)
+        inertial.turning[:] = False
+        for_python(free_step)(w, self._velocity, self._held, inertial.used, *forces, self._gained, self._room)
+        free, self._held = data.qvel.copy(), np.zeros(model.nv)
+        if for_python(take_far_back)(w, self._velocity):
+            self._overflown |= for_python(detect_limits)(w, self._velocity, free, self._middle)
         if data.nefc:
-            shift, met = self._contact(w, data, start if same else None)
+            self._contact(w, data, free, start if same else None)
         else:
             self._known, self.solved, data.ncon = None, self.solved and not self._overflown, 0
             self.short_steps += self._overflown
-            data.qacc[:] = (data.qvel - self._velocity) / h
-        data.qpos[:] = self._middle
-        if model.nsensordata:
-            sense(model, data, self._velocity, self._listed)
-        mujoco.mj_integratePos(model, data.qpos, data.qvel, 0.5 * h)
-        if shift is not None:
-            mujoco.mj_integratePos(model, data.qpos, shift, h)
-        if is_huge(data):
-            raise DivergenceError(f"position or velocity is not finite, or huge, at t = {data.time - h:.6g} s")
-        if self._surfaces is not None:
-            self._surfaces.end(data)
-        update_frames(model, data)
-        model.opt.cone = _ELLIPTIC
-        if self._rows is not None and met:  # overlaps that are squeezed cannot be opened
-            with errors_of_filter():
-                remains = for_python(correct_end)(w, self._rows, *self._contacts)
-            self.short_steps += remains and not self._counted
-        if self.inertial.act and np.count_nonzero(self.inertial.turning):
-            for_python(limit_energy)(w, start, self._velocity, self.inertial.turning, self.inertial.gravity)
-        self._finish(data)
+            self._end(w, data, None, met=False)
+        for_python(finish)(w, start, self._velocity, *forces)
+        self._leave(data)
 
-    def _contact(self, w: World, data: mujoco.MjData, left: np.ndarray | None) -> tuple[np.ndarray | None, bool]:
-        """Add the effect of contact to the velocity; ``left``, (nq,), is where the last step has left data, if it has.
+    def _end(self, w: World, data: mujoco.MjData, outcome: Outcome | None, *, met: bool) -> bool:
+        """Move data to the end of the step; return whether new overlaps remain there."""
+        found, rows = outcome and outcome.impulses, outcome.rows if outcome else _NO_ROWS
+        impulse, shift = (found.answer.impulse, found.answer.shift) if found else (np.zeros(0), np.zeros(0))
+        status, remains = for_python(end_step)(
+            w, rows, impulse, self._velocity, self._middle, shift, len(shift) > 0, met, self._options.cone,
+            np.empty(data.nefc), np.empty(2 * data.ncon, np.int32), np.empty(data.ncon),
+        )  # fmt: skip
+        if status != FINE:
+            raise DivergenceError(f"position or velocity is not finite, or huge, at t = {data.time - w.timestep:.6g} s")
+        return remains
 
-        Return the velocity that opens overlaps, if there are any to open, and whether the law is met.
+    def _contact(self, w: World, data: mujoco.MjData, free: np.ndarray, left: np.ndarray | None) -> None:
+        """Add the effect of contact to the velocity, which is ``free``, (nv,), without it, and go to the end.
+
+        ``left``, (nq,), is where the last step has left data, if it has.
         """
         self.problem.begin()
         working_set = WorkingSet(
             self.model, w, self.problem, self.inertial, self._friction, self._velocity, self._middle,
-            self._metric, self._memory.work, MANY_ROUNDS if self.solved else FEW_ROUNDS,
+            _inertia_of(self.model, data, w.damped), self._memory.work, MANY_ROUNDS if self.solved else FEW_ROUNDS,
         )  # fmt: skip
-        free = data.qvel.copy()
         outcome, farther, work = working_set.find(data, self._known), 0, 1.0
         while outruns := self._outruns(w, data, outcome):
             work, used = working_set.work[0], work - working_set.work[0]
             if farther == WIDER_DETECTIONS or not work - RESERVE > used:  # a further attempt would find worse impulses
                 break
-            self._overflown = detect_farther(w, self.model, data, self._options, self._velocity, free, self._middle)
+            self._overflown = for_python(detect_farther)(w, self._velocity, free, self._middle, self._room)
             outcome, farther = working_set.find(data, outcome.known), farther + 1
-        found, self._rows = outcome.impulses, outcome.rows
+        found, rows = outcome.impulses, outcome.rows
         self._collisions = found.collisions if found else ()
-        gaps = np.where(data.contact.efc_address >= 0, data.contact.dist, np.inf)
-        self._contacts = data.contact.geom.reshape(-1).copy(), gaps
-        data.qpos[:] = self._middle  # the integrator has changed it: limits are counted at the midpoint
-        impulses = (outcome.rows, found.answer.impulse) if found else None
-        write_forces(self.model, data, self._velocity, self._options.cone, impulses)
         met = outcome.met and not self._overflown
         self.solved = met and not outcome.loses and not outruns
-        self._counted = not (self.solved and outcome.rubs)
+        short = not (self.solved and outcome.rubs)
         if left is not None:
             keys = np.zeros(0, np.int64) if self._known is None else self._known.key
-            self._counted |= for_python(begins_overlapping)(w, outcome.rows, keys, left)
-        self.short_steps += self._counted
+            short |= for_python(begins_overlapping)(w, rows, keys, left)
         self._known = outcome.known if found else None
-        if not found:
-            return None, met
-        if not found.collisions:
+        if found and not found.collisions:
             self._held = data.qvel - outcome.free
-        rows, answer = outcome.rows, found.answer
-        for_python(write_turns)(rows.groups, rows.rates, answer.impulse, answer.reached, answer.sliding)
-        self.shortfall = answer.missed
-        return (answer.shift if len(answer.shift) else None), met
+        if found:
+            answer, self.shortfall = found.answer, found.answer.missed
+            for_python(write_turns)(rows.groups, rows.rates, answer.impulse, answer.reached, answer.sliding)
+        self.short_steps += self._end(w, data, outcome, met=met) or short
 
     def _outruns(self, w: World, data: mujoco.MjData, outcome: Outcome) -> bool:
         """Return whether a collision throws a body farther than contacts were looked for, although there was room."""
         collides = outcome.impulses is not None and len(outcome.impulses.collisions) > 0
-        return collides and not self._overflown and outrun(w, self.model, data)
-
-    def _finish(self, data: mujoco.MjData) -> None:
-        """Write the remaining outputs of a step beside the state."""
-        if self.model.opt.enableflags & _ENERGY:
-            update_inertia(self.model, data)
-            mujoco.mj_energyPos(self.model, data)
-            mujoco.mj_energyVel(self.model, data)
-        data.qacc_warmstart[:] = data.qacc
-        self._leave(data)
+        if not collides or self._overflown:
+            return False
+        mujoco.mj_comVel(self.model, data)
+        return for_python(outrun)(w, self._room)
 
     def _leave(self, data: mujoco.MjData) -> None:
         """Store the state from which the next step would continue, and its frames."""
-        self._left, self._frames = (data.qpos.tobytes(), data.qvel.tobytes()), frames_of(data)
+        self._left, self._frames = (data.qpos.tobytes(), data.qvel.tobytes()), _frames_of(data)
+
+
+def _update_frames(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Update frames and velocities of bodies to the state."""
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_comVel(model, data)
+
+
+def _frames_of(data: mujoco.MjData) -> tuple[bytes, ...]:
+    """Return one field of each stage of `_update_frames`, to notice a state that was loaded without calling it."""
+    return data.xipos.tobytes(), data.subtree_com.tobytes(), data.cvel.tobytes()
+
+
+def _inertia_of(model: mujoco.MjModel, data: mujoco.MjData, damped: bool) -> Inertia:
+    """Return the mass matrix of the step."""
+    factor = (data.qH, data.qHDiagInv) if damped else (data.qLD, data.qLDiagInv)
+    return Inertia(*factor, model.M_rownnz, model.M_rowadr, model.M_colind)

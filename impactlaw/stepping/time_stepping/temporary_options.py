@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import mujoco
-import numpy as np
 
 from impactlaw.scene.joint_limits import slack_ropes
 from impactlaw.scene.pairs import some_side_by_side
@@ -30,7 +29,6 @@ class TemporaryOptions:
     Attributes:
         cone: kind of friction cone that the user has chosen.
         damped: whether the integrator damps implicitly, with its own mass matrix.
-        integrator: MuJoCo's integrator for the forces without contact.
         sticks: whether bodies can stick across gaps.
         stands: whether cylinders can stand on planes.
         beside: whether cylinders or boxes can touch along a line.
@@ -47,7 +45,6 @@ class TemporaryOptions:
         self.stands, self.beside = {PLANE, CYLINDER} <= set(model.geom_type.tolist()), some_side_by_side(model)
         self.cone = model.opt.cone
         self.damped = False
-        self.integrator = mujoco.mj_Euler
 
     def __enter__(self) -> TemporaryOptions:
         opt, model = self._opt, self._model
@@ -64,33 +61,10 @@ class TemporaryOptions:
         opt.enableflags &= ~ON
         opt.cone, opt.solver, opt.noslip_iterations = ELLIPTIC, NEWTON, 0
         if integrator in (EULER, RK4):
-            opt.integrator, self.integrator = EULER, mujoco.mj_Euler
-            self.damped = not flags & NO_DAMPING and damps(model)
+            opt.integrator, self.damped = EULER, not flags & NO_DAMPING and damps(model)
         else:
-            opt.integrator, self.integrator = FAST, mujoco.mj_implicit
-            self.damped = True
+            opt.integrator, self.damped = FAST, True
         return self
-
-    def tighten_margins(self, reach: float) -> None:
-        """Reduce margins so that contacts are found only up to this reach, m, unless bodies stick across gaps."""
-        if self._gaps:
-            for name in ("body_margin", "geom_margin", "pair_margin"):
-                margin = getattr(self._model, name)
-                np.minimum(margin, reach, out=margin)
-
-    def margins(self) -> list[np.ndarray]:
-        """Return a copy of all current margins."""
-        return [array.copy() for array in self._margins]
-
-    def widen_margins(self, least: list[np.ndarray]) -> None:
-        """Increase margins to at least those that `margins` has returned."""
-        for array, other in zip(self._margins, least, strict=True):
-            np.maximum(array, other, out=array)
-
-    def scale_margins(self, share: float) -> None:
-        """Multiply all margins by a factor."""
-        for array in self._margins:
-            array *= share
 
     def __exit__(self, *_: object) -> None:
         opt = self._opt

@@ -40,3 +40,26 @@ def test_an_error_of_mujoco_in_compiled_code_is_an_exception_and_loses_nothing(m
         stepper.step(one)
         fresh.step(other)
     assert np.array_equal(one.qpos, other.qpos)
+
+
+@pytest.mark.parametrize("compiled", ["never", "auto"])
+def test_tendons_keep_their_ranges_where_margins_are_reduced_for_lack_of_room(compiled):
+    """Rows of contacts do not fit: margins become smaller, as does what lies beside them in memory if it is scaled."""
+    boxes = (
+        f'<body pos="{0.25 * (i % 6)} {0.25 * (i // 6)} .12"><freejoint/><geom type="box" size=".1 .1 .1"/></body>'
+        for i in range(12)
+    )
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><size memory="54K"/><option timestep=".01" gravity="0 0 0"/><worldbody>
+        <geom type="plane" size="3 3 1"/>{"".join(boxes)}<body pos="0 3 1"><joint name="slide" type="slide"/>
+        <geom size=".05" contype="0" conaffinity="0"/></body></worldbody><tendon>
+        <fixed limited="true" range="-1 1"><joint joint="slide" coef="1"/></fixed></tendon></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    data.qpos[-1], data.qvel[-1] = 0.8, 0.1
+    data.qvel[2:-1:6] = -1.0
+    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled)
+    for _ in range(3):
+        stepper.step(data)
+    assert data.warning[mujoco.mjtWarning.mjWARN_CNSTRFULL].number > 0
+    np.testing.assert_allclose((data.qpos[-1], data.qvel[-1]), (0.803, 0.1), rtol=1e-12)

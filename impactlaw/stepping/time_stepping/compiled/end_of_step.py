@@ -33,7 +33,6 @@ from impactlaw.stepping.compiled.access import (
     model_ints,
     number,
     offset,
-    option,
     shapes_of,
     size,
     velocity_of,
@@ -57,7 +56,7 @@ from impactlaw.stepping.compiled.shared import shared
 from impactlaw.stepping.time_stepping.compiled.impulses.rows import count, read
 from impactlaw.stepping.time_stepping.compiled.model_copy import limit_margins, widen_limits
 from impactlaw.stepping.time_stepping.compiled.standing_cylinders import find_standing
-from impactlaw.stepping.time_stepping.compiled.state.kinds import BOOLEAN, MARKS, NUMBERS, WORLD
+from impactlaw.stepping.time_stepping.compiled.state.kinds import BOOLEAN, NUMBERS, WORLD
 from impactlaw.stepping.time_stepping.compiled.state.room import rows_at, rows_size
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import surface_speed
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World, metric_of, setting
@@ -78,7 +77,6 @@ from impactlaw.stepping.time_stepping.problem.rows import ROWS, entries_of
 
 _PYRAMIDAL, _ELLIPTIC = int(mujoco.mjtCone.mjCONE_PYRAMIDAL), int(mujoco.mjtCone.mjCONE_ELLIPTIC)
 _FRICTIONAL = np.bool_(True)
-_ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 
 
 @plain
@@ -90,7 +88,7 @@ def update_frames(w):
 
 
 @plain
-def _update_inertia(w):
+def update_inertia(w):
     """Update lengths of tendons and the mass matrix to the frames."""
     if size(w, MODEL.ntendon) > 0:
         mj.tendon(w.model, w.data)
@@ -260,7 +258,7 @@ def _opens(w, rows, depth, slow):
     return opened
 
 
-@shared(BOOLEAN(WORLD, ROWS, types.int32[::1], NUMBERS), counts=False)
+@linked(BOOLEAN(WORLD, ROWS, types.int32[::1], NUMBERS), counts=False)
 def correct_end(w, rows, pairs, gaps):
     """Open overlaps at the end of a step that gradients at the midpoint have not shown.
 
@@ -289,16 +287,6 @@ def begins_overlapping(w, rows, known_key, start):
 
 
 @plain
-def finish(w):
-    """Write the remaining outputs of a step beside the state."""
-    if option(w, MODEL.opt_enableflags) & _ENERGY:
-        _update_inertia(w)
-        mj.energy_pos(w.model, w.data)
-        mj.energy_vel(w.model, w.data)
-    put(data_floats(w, DATA.qacc_warmstart, w.nv), data_floats(w, DATA.qacc, w.nv))
-
-
-@plain
 def _add_products(w, one, other, factor, sums):
     """Add the inner product of two vectors, restricted to each tree of bodies, to sums, (ntree,)."""
     tree = model_ints(w, MODEL.dof_treeid, w.nv)
@@ -310,13 +298,13 @@ def _add_products(w, one, other, factor, sums):
 def _add_energies(w, velocity, sums):
     """Add ``v^T M v`` of each tree at the current configuration to sums, (ntree,)."""
     momentum = numbers(w.nv)
-    _update_inertia(w)
+    update_inertia(w)
     mj.mul_m(w.model, w.data, address_of(momentum), address_of(velocity))
     _add_products(w, momentum, velocity, 1.0, sums)
     keep(momentum)
 
 
-@shared(types.void(WORLD, NUMBERS, NUMBERS, MARKS, NUMBERS))
+@kernel
 def limit_energy(w, start, velocity, turning, gravity):
     """Scale down velocities of trees that turn fast, so that they gain no more energy than forces and contact gave."""
     qpos, after, now = data_floats(w, DATA.qpos, len(start)), velocity_of(w), copied(start)

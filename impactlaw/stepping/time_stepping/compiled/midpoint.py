@@ -38,9 +38,14 @@ from impactlaw.stepping.time_stepping.compiled.end_of_step import find_nearest, 
 from impactlaw.stepping.time_stepping.compiled.far_contacts import far_ones_close, leave_far_out
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import settle
 from impactlaw.stepping.time_stepping.compiled.limits import hide_far_limits, narrow_limits
-from impactlaw.stepping.time_stepping.compiled.model_copy import widen_limits
+from impactlaw.stepping.time_stepping.compiled.model_copy import (
+    keep_margins,
+    scale_margins,
+    widen_limits,
+    widen_margins,
+)
 from impactlaw.stepping.time_stepping.compiled.standing_cylinders import find_standing
-from impactlaw.stepping.time_stepping.compiled.state.kinds import BOOLEAN, NUMBERS, TABLE, WORLD
+from impactlaw.stepping.time_stepping.compiled.state.kinds import BOOLEAN, MARKS, NUMBERS, WORLD
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, are_left, forget
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import (
     begin_surfaces,
@@ -59,24 +64,7 @@ _CONTACT_FULL, _ROWS_FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoc
 
 
 @plain
-def to_middle(w, counts, left, frames, gained, held, start, middle, bias, turning, gravity, margins, work, loaded):
-    """Take a step without contact, with bodies in the middle of it; return whether MuJoCo had no room for all contacts.
-
-    Only limits that joints can reach are looked for.
-    """
-    _begin(w, counts, left, frames, gained, held, loaded)
-    _prepare_margins(w, gained, work)
-    narrow_limits(w, gained)
-    put(start, velocity_of(w))
-    full = _to_midpoint(w, start, margins, middle, work)
-    _free_step(w, start, held, bias, turning, gravity, gained, work)
-    if w.surfaces != 0:
-        speeds_of_middle(w)
-    return full
-
-
-@plain
-def _begin(w, counts, left, frames, gained, held, loaded):
+def begin(w, counts, left, frames, gained, held, loaded):
     """Make data current, and forget results that are not those of the last step."""
     nq = size(w, MODEL.nq)
     qpos, qvel = data_floats(w, DATA.qpos, nq), velocity_of(w)
@@ -88,8 +76,6 @@ def _begin(w, counts, left, frames, gained, held, loaded):
         forget(counts)
         clear(gained)
         clear(held)
-    if w.surfaces != 0:
-        begin_surfaces(w)
 
 
 @plain
@@ -107,7 +93,7 @@ def _prepare_margins(w, gained, work):
         qvel[i] += gained[i]
     mj.com_vel(w.model, w.data)
     put(qvel, kept[: w.nv])
-    set_margins(w, now, data_floats(w, DATA.cvel, (nbody, 6)), work[6 * nbody :])
+    _set_margins(w, now, data_floats(w, DATA.cvel, (nbody, 6)), work[6 * nbody :])
 
 
 @plain
@@ -123,8 +109,8 @@ def _places(w):
     return bodies, (of, kind, place, turn, box)
 
 
-@shared(types.void(WORLD, TABLE, TABLE, NUMBERS), counts=False)
-def set_margins(w, now, led_to, work):
+@plain
+def _set_margins(w, now, led_to, work):
     """Write margins for velocities of bodies, see `margins.write_margins`; ``work``, (5 nbody,), is scratch space."""
     nbody, ngeom = size(w, MODEL.nbody), size(w, MODEL.ngeom)
     npair, ntendon = size(w, MODEL.npair), size(w, MODEL.ntendon)
@@ -161,87 +147,9 @@ def find_sizes(w, sizes, carriers):
         )  # fmt: skip
 
 
-@shared(BOOLEAN(WORLD, NUMBERS), counts=False)
-def outrun(w, work):
-    """Return whether a collision throws a body farther than contacts were looked for.
-
-    The velocities of bodies must be those after the collision, as `find_impulses` leaves them. ``work``, (2 nbody,), is
-    scratch space.
-    """
-    nbody, (bodies, shapes) = size(w, MODEL.nbody), _places(w)
-    margin, room = model_floats(w, MODEL.geom_margin, size(w, MODEL.ngeom)), floats(address_of(work), (2, nbody))
-    velocity = data_floats(w, DATA.cvel, (nbody, 6))
-    return far_ones_close(w) or outruns(margin, bodies, shapes, velocity, w.timestep, room)
-
-
 @plain
-def detect_farther(w, start, free, middle, margins, work):
-    """Do the same as `free_motion.detect_farther`; ``work`` is scratch space for 11 nbody numbers and the margins."""
-    nbody, qvel = size(w, MODEL.nbody), velocity_of(w)
-    before = work[11 * nbody : 11 * nbody + len(margins)]
-    put(before, margins)
-    led_to = floats(address_of(work), (nbody, 6))
-    put(work, data_floats(w, DATA.cvel, 6 * nbody))
-    put(data_floats(w, DATA.qpos, len(middle)), middle)
-    put(qvel, start)
-    mj.com_vel(w.model, w.data)
-    set_margins(w, data_floats(w, DATA.cvel, (nbody, 6)), led_to, work[6 * nbody :])
-    np.maximum(margins, before, margins)
-    full = _find_contacts(w, margins, led_to[:0])
-    mj.fwd_velocity(w.model, w.data)
-    put(qvel, free)
-    return full
-
-
-@plain
-def detect_limits(w, start, free, middle):
-    """Find all limits in addition to the contacts found, with data as it was without contact.
-
-    Return whether MuJoCo had no room for all rows.
-    """
-    qvel, warnings = velocity_of(w), ints(w.data + offset(w, DATA.warning), 2 * (_ROWS_FULL + 1))
-    put(data_floats(w, DATA.qpos, len(middle)), middle)
-    put(qvel, start)
-    mj.com_vel(w.model, w.data)  # constraint targets depend on it, and `settle` has left that of another velocity
-    widen_limits(w, ALWAYS)
-    seen = warnings[2 * _ROWS_FULL + 1]
-    _make_rows(w)
-    mj.reference_constraint(w.model, w.data)
-    put(qvel, free)
-    return warnings[2 * _ROWS_FULL + 1] != seen
-
-
-@plain
-def _to_midpoint(w, start, margins, middle, work):
-    """Move bodies to the middle of the step, and compute all forces except those of contact there.
-
-    ``work`` begins with velocities of bodies, see `_prepare_margins`. Return whether MuJoCo had no room for contacts.
-    """
-    if w.surfaces != 0:
-        place_surfaces(w)
-    qpos, sensors = data_floats(w, DATA.qpos, size(w, MODEL.nq)), size(w, MODEL.nsensordata) > 0
-    mj.integrate_pos(w.model, address_of(qpos), address_of(start), 0.5 * w.timestep)
-    put(middle, qpos)
-    full = _find_contacts(w, margins, floats(address_of(work), (size(w, MODEL.nbody), 6)))
-    if sensors:
-        # otherwise MuJoCo would reuse results of the last step
-        for field in (DATA.flg_subtreevel, DATA.flg_rnepost, DATA.flg_energypos, DATA.flg_energyvel):
-            flags(w.data + offset(w, field), 1)[0] = 0
-        hide_far_limits(w)
-        mj.sensor_pos(w.model, w.data)
-        hide_far_limits(w)
-    mj.fwd_velocity(w.model, w.data)
-    if sensors:
-        hide_far_limits(w)
-        mj.sensor_vel(w.model, w.data)
-        hide_far_limits(w)
-    mj.fwd_actuation(w.model, w.data)
-    mj.fwd_acceleration(w.model, w.data)
-    return full
-
-
-@plain
-def _find_contacts(w, margins, now):
+def _find_contacts(w, now):
+    """Do what `_find` does, with smaller margins if MuJoCo has no room for all contacts; return whether it has none."""
     warnings = ints(w.data + offset(w, DATA.warning), 2 * (max(_CONTACT_FULL, _ROWS_FULL) + 1))
     ngeom, of_pairs = size(w, MODEL.ngeom), model_floats(w, MODEL.pair_margin, size(w, MODEL.npair))
     shape, of_geoms = model_ints(w, MODEL.geom_type, ngeom), model_floats(w, MODEL.geom_margin, ngeom)
@@ -249,8 +157,8 @@ def _find_contacts(w, margins, now):
         seen = warnings[2 * _CONTACT_FULL + 1] + warnings[2 * _ROWS_FULL + 1]
         _find(w, now)
         full = warnings[2 * _CONTACT_FULL + 1] + warnings[2 * _ROWS_FULL + 1] != seen
-        for i in range(len(margins) if full else 0):
-            margins[i] *= share
+        if full:
+            scale_margins(w, share)
         if not narrow(contact_ints(w, CONTACT.geom, 2), shape, of_geoms, of_pairs, share) and not full:
             return False
     return True
@@ -273,7 +181,7 @@ def _find(w, now):
     mj.fwd_position(w.model, w.data)
     put_int(at, flags)
     mended = find_standing(w, twice)
-    mended = mend_contacts(w, now[:0] if twice else now) or mended
+    mended = _mend_contacts(w, now[:0] if twice else now) or mended
     if mended or not twice:
         _make_rows(w)
 
@@ -286,8 +194,8 @@ def _make_rows(w):
         mj.project_constraint(w.model, w.data)
 
 
-@shared(BOOLEAN(WORLD, TABLE), counts=False)
-def mend_contacts(w, now):
+@plain
+def _mend_contacts(w, now):
     """Correct contacts, see `contact_points.mend`, and leave out those that are too far away; return whether any is.
 
     These are contacts that cannot close at velocities of bodies, ``now``, (nbody, 6), or those of data; none if it is
@@ -300,10 +208,58 @@ def mend_contacts(w, now):
     return (len(now) > 0 and leave_far_out(w, now)) or mended
 
 
-@plain
-def _free_step(w, start, held, bias, turning, gravity, gained, work):
-    """Advance velocity, activations and time by MuJoCo's integrator without contact."""
+@shared(BOOLEAN(WORLD, *[NUMBERS] * 4), counts=False)
+def to_midpoint(w, gained, start, middle, work):
+    """Move bodies to the middle of the step, find contacts there, and compute what depends on the velocity.
+
+    Compiled steps look only for limits that joints can reach.
+
+    Args:
+        w: the world at the start of the step.
+        gained: change of velocity by forces in the last step, (nv,).
+        start: velocity at the start, (nv,), written.
+        middle: position in the middle of the step, (nq,), written.
+        work: scratch space, (6 nbody + max(nv, 5 nbody),).
+
+    Returns:
+        Whether MuJoCo had no room for all contacts.
+    """
+    if w.surfaces != 0:
+        begin_surfaces(w)
+    _prepare_margins(w, gained, work)
+    if w.pool == 0:
+        narrow_limits(w, gained)
+    put(start, velocity_of(w))
+    if w.surfaces != 0:
+        place_surfaces(w)
+    qpos, sensors = data_floats(w, DATA.qpos, size(w, MODEL.nq)), size(w, MODEL.nsensordata) > 0
+    mj.integrate_pos(w.model, address_of(qpos), address_of(start), 0.5 * w.timestep)
+    put(middle, qpos)
+    full = _find_contacts(w, floats(address_of(work), (size(w, MODEL.nbody), 6)))
+    if sensors:
+        # otherwise MuJoCo would reuse results of the last step
+        for field in (DATA.flg_subtreevel, DATA.flg_rnepost, DATA.flg_energypos, DATA.flg_energyvel):
+            flags(w.data + offset(w, field), 1)[0] = 0
+        hide_far_limits(w)
+        mj.sensor_pos(w.model, w.data)
+        hide_far_limits(w)
+    mj.fwd_velocity(w.model, w.data)
+    if sensors:
+        hide_far_limits(w)
+        mj.sensor_vel(w.model, w.data)
+        hide_far_limits(w)
+    return full
+
+
+@shared(types.void(WORLD, *[NUMBERS] * 3, MARKS, *[NUMBERS] * 3), counts=False)
+def free_step(w, start, held, bias, turning, gravity, gained, work):
+    """Advance velocity, activations and time by MuJoCo's integrator without contact.
+
+    ``gained``, (nv,), is the change of velocity, written; for the other arguments see `impulses.forces.settle`.
+    """
     nv = w.nv
+    mj.fwd_actuation(w.model, w.data)
+    mj.fwd_acceleration(w.model, w.data)
     put(data_floats(w, DATA.qacc, nv), data_floats(w, DATA.qacc_smooth, nv))
     clear(data_floats(w, DATA.qfrc_constraint, nv))
     if option(w, MODEL.opt_integrator) == _EULER:
@@ -315,3 +271,66 @@ def _free_step(w, start, held, bias, turning, gravity, gained, work):
         settle(w, start, held, bias, turning, gravity, work)
     for i in range(nv):
         gained[i] = qvel[i] - start[i]
+    if w.surfaces != 0:
+        speeds_of_middle(w)
+
+
+@shared(BOOLEAN(WORLD, *[NUMBERS] * 3), counts=False)
+def detect_limits(w, start, free, middle):
+    """Find all limits in addition to the contacts found, with data as it was without contact.
+
+    Return whether MuJoCo had no room for all rows.
+    """
+    qvel, warnings = velocity_of(w), ints(w.data + offset(w, DATA.warning), 2 * (_ROWS_FULL + 1))
+    put(data_floats(w, DATA.qpos, len(middle)), middle)
+    put(qvel, start)
+    mj.com_vel(w.model, w.data)  # constraint targets depend on it, and `settle` has left that of another velocity
+    widen_limits(w, ALWAYS)
+    seen = warnings[2 * _ROWS_FULL + 1]
+    _make_rows(w)
+    mj.reference_constraint(w.model, w.data)
+    put(qvel, free)
+    return warnings[2 * _ROWS_FULL + 1] != seen
+
+
+@shared(BOOLEAN(WORLD, *[NUMBERS] * 4), counts=False)
+def detect_farther(w, start, free, middle, work):
+    """Find the contacts that bodies can reach after a collision, with data as it was without contact.
+
+    All contacts that were found before are found again, even if they are now out of reach: they may have caused the
+    collision. Return whether MuJoCo had no room for all contacts.
+
+    Args:
+        w: the world; the velocities of bodies are those after the collision.
+        start: velocity at the start, (nv,).
+        free: velocity without contact, (nv,).
+        middle: position in the middle of the step, (nq,).
+        work: scratch space for 11 nbody numbers and the margins.
+    """
+    nbody, qvel = size(w, MODEL.nbody), velocity_of(w)
+    before = work[11 * nbody :]
+    keep_margins(w, before)
+    led_to = floats(address_of(work), (nbody, 6))
+    put(work, data_floats(w, DATA.cvel, 6 * nbody))
+    put(data_floats(w, DATA.qpos, len(middle)), middle)
+    put(qvel, start)
+    mj.com_vel(w.model, w.data)
+    _set_margins(w, data_floats(w, DATA.cvel, (nbody, 6)), led_to, work[6 * nbody :])
+    widen_margins(w, before)
+    full = _find_contacts(w, led_to[:0])
+    mj.fwd_velocity(w.model, w.data)
+    put(qvel, free)
+    return full
+
+
+@shared(BOOLEAN(WORLD, NUMBERS), counts=False)
+def outrun(w, work):
+    """Return whether a collision throws a body farther than contacts were looked for.
+
+    The velocities of bodies must be those after the collision, as `find_impulses` leaves them. ``work``, (2 nbody,), is
+    scratch space.
+    """
+    nbody, (bodies, shapes) = size(w, MODEL.nbody), _places(w)
+    margin, room = model_floats(w, MODEL.geom_margin, size(w, MODEL.ngeom)), floats(address_of(work), (2, nbody))
+    velocity = data_floats(w, DATA.cvel, (nbody, 6))
+    return far_ones_close(w) or outruns(margin, bodies, shapes, velocity, w.timestep, room)

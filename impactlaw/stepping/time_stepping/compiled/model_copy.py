@@ -38,6 +38,14 @@ def room(model: mujoco.MjModel) -> int:
     return model.nbody + 2 * model.ngeom + 2 * model.npair + model.njnt + 3 * model.ntendon
 
 
+_MARGINS = (
+    (MODEL.body_margin, MODEL.nbody), (MODEL.geom_margin, MODEL.ngeom), (MODEL.pair_margin, MODEL.npair),
+    (MODEL.jnt_margin, MODEL.njnt), (MODEL.tendon_margin, MODEL.ntendon), (MODEL.geom_gap, MODEL.ngeom),
+    (MODEL.pair_gap, MODEL.npair),
+)  # fmt: skip
+"""Margins and gaps that a step changes, and their numbers."""
+
+
 @plain
 def _at(table, place):
     return long_at(table + 8 * place)
@@ -57,15 +65,7 @@ def copy_model(user, model, margins, table, sticks):
     words = _at(table, SIZE.model) // 8
     put(longs(model, words), longs(user, words))
     begin = 0
-    for field, many in (
-        (MODEL.body_margin, MODEL.nbody),
-        (MODEL.geom_margin, MODEL.ngeom),
-        (MODEL.pair_margin, MODEL.npair),
-        (MODEL.jnt_margin, MODEL.njnt),
-        (MODEL.tendon_margin, MODEL.ntendon),
-        (MODEL.geom_gap, MODEL.ngeom),
-        (MODEL.pair_gap, MODEL.npair),
-    ):
+    for field, many in _MARGINS:
         n = long_at(user + _at(table, many))
         margins[begin : begin + n] = 0.0
         if sticks:  # gaps count
@@ -126,13 +126,35 @@ def is_damped(model, table):
 @plain
 def limit_margins(w, reach):
     """Reduce margins so that no contact is found farther away than this reach, m."""
-    for field, many in (
-        (MODEL.body_margin, MODEL.nbody),
-        (MODEL.geom_margin, MODEL.ngeom),
-        (MODEL.pair_margin, MODEL.npair),
-    ):
+    for field, many in _MARGINS[:3]:
         margin = model_floats(w, field, size(w, many))
         np.minimum(margin, reach, margin)
+
+
+@plain
+def scale_margins(w, share):
+    """Multiply all margins by a factor."""
+    for field, many in _MARGINS:
+        margin = model_floats(w, field, size(w, many))
+        np.multiply(margin, share, margin)
+
+
+@plain
+def keep_margins(w, kept):
+    """Write all margins to an array, (room,)."""
+    for field, many in _MARGINS:
+        n = size(w, many)
+        put(kept, model_floats(w, field, n))
+        kept = kept[n:]
+
+
+@plain
+def widen_margins(w, least):
+    """Increase all margins to at least those that `keep_margins` has written."""
+    for field, many in _MARGINS:
+        margin = model_floats(w, field, size(w, many))
+        np.maximum(margin, least[: len(margin)], margin)
+        least = least[len(margin) :]
 
 
 @plain

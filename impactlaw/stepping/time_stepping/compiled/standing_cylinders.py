@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from impactlaw.linked import linked
 from impactlaw.scene.corrected.rounding import measure_standing
 from impactlaw.solvers.cones.algebra.loops import numbers, put
 from impactlaw.stepping.compiled import libmujoco as mj
@@ -16,14 +17,13 @@ from impactlaw.stepping.compiled.access import (
     size,
 )
 from impactlaw.stepping.compiled.fields import DATA, MODEL, floats, keep
-from impactlaw.stepping.compiled.shared import shared
 from impactlaw.stepping.time_stepping.compiled.state.kinds import BOOLEAN, WORLD
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import ROW, velocities_of
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.problem.detection.standing_cylinders import make_upright
 
 
-@shared(BOOLEAN(WORLD, BOOLEAN))
+@linked(BOOLEAN(WORLD, BOOLEAN))
 def find_standing(w, found):
     """Find contacts, and measure the gaps of cylinders that stand on planes again; return whether any has changed.
 

@@ -12,7 +12,6 @@ from impactlaw.solvers.cones.algebra.loops import (
     cleared,
     copied,
     integers,
-    kernel,
     marks,
     norm,
     numbers,
@@ -43,25 +42,19 @@ from impactlaw.stepping.compiled.fields import (
     put_int,
 )
 from impactlaw.stepping.integration import STEP_STATE
-from impactlaw.stepping.time_stepping.compiled.end_of_step import (
-    begins_overlapping,
-    copy_contacts,
-    correct_end,
-    finish,
-    limit_energy,
-    update_frames,
-    write_acceleration,
-    write_forces,
-)
+from impactlaw.stepping.time_stepping.compiled.end_of_step import begins_overlapping
+from impactlaw.stepping.time_stepping.compiled.ending import end_step, finish
 from impactlaw.stepping.time_stepping.compiled.far_contacts import take_far_back
 from impactlaw.stepping.time_stepping.compiled.impulses.working_set import find_impulses
-from impactlaw.stepping.time_stepping.compiled.limits import hide_far_limits, passes_limit
+from impactlaw.stepping.time_stepping.compiled.limits import passes_limit
 from impactlaw.stepping.time_stepping.compiled.midpoint import (
+    begin,
     detect_farther,
     detect_limits,
     find_sizes,
+    free_step,
     outrun,
-    to_middle,
+    to_midpoint,
 )
 from impactlaw.stepping.time_stepping.compiled.model_copy import copy_model, is_damped
 from impactlaw.stepping.time_stepping.compiled.state.law import LawTable
@@ -80,13 +73,11 @@ from impactlaw.stepping.time_stepping.compiled.state.status import (
     FARTHER,
     FINE,
     HUGE_INPUT,
-    HUGE_OUTPUT,
     OVERRIDDEN,
     TIMESTEP,
     UNSEEN,
 )
 from impactlaw.stepping.time_stepping.compiled.state.sums import SUMS
-from impactlaw.stepping.time_stepping.compiled.state.surfaces import aim_surfaces, end_surfaces
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World, setting
 from impactlaw.stepping.time_stepping.problem.energy import is_met
 from impactlaw.stepping.time_stepping.problem.gradient_turns import write_turns
@@ -94,34 +85,12 @@ from impactlaw.stepping.time_stepping.problem.rows import entries_of
 from impactlaw.stepping.time_stepping.problem.solution.scaling import RESERVE
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, HUGE, MANY_ROUNDS, SHORTFALL_LIMIT, WIDER_DETECTIONS
 
-_POS, _VEL = int(mujoco.mjtStage.mjSTAGE_POS), int(mujoco.mjtStage.mjSTAGE_VEL)
 _OVERRIDE = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
-
-
-@plain
-def _end(w, start, middle, shift, opens):
-    """Move data to the end of the step and update frames; return `status.FINE`, or that data is huge."""
-    qpos, qvel = data_floats(w, DATA.qpos, len(middle)), velocity_of(w)
-    put(qpos, middle)
-    if size(w, MODEL.nsensordata) > 0:
-        _sense(w, start)
-    mj.integrate_pos(w.model, address_of(qpos), address_of(qvel), 0.5 * w.timestep)
-    if opens:
-        mj.integrate_pos(w.model, address_of(qpos), address_of(shift), w.timestep)
-    if not (norm(qpos) <= HUGE and norm(qvel) <= HUGE):
-        return HUGE_OUTPUT
-    if w.surfaces != 0:
-        aim_surfaces(w)
-    update_frames(w)
-    return FINE
 
 
 @plain
 def _finish(w, memory, counts, left, frames, collided, missed):
     """Write the remaining outputs of a step beside the state."""
-    finish(w)
-    if w.surfaces != 0:
-        end_surfaces(w)
     counts[MEMORY.known] = 1
     nq = size(w, MODEL.nq)
     put(left, data_floats(w, DATA.qpos, nq))
@@ -167,9 +136,6 @@ def _constrain(
         free, after = velocities_at(room, 0, 1), velocity_of(w)
         for i in range(w.nv):
             held[i] = after[i] - free[i]
-    put(data_floats(w, DATA.qpos, len(middle)), middle)  # the integrator changed it: limits need the midpoint
-    copy_contacts(w, pairs, gaps)  # MuJoCo's list of contacts becomes shorter
-    write_forces(w, rows, answer.x, start, cone, force)
     if touched:
         if setting(w, SETTING.sums) != 0.0:
             put(memory[MEMORY.sums : MEMORY.sums + SUMS], floats(room.sums, SUMS))
@@ -179,10 +145,9 @@ def _constrain(
         forget(counts)
     met = is_met(solved.missed, solved.fastest) and not full
     counts[MEMORY.solved] = met and not found.later and not outruns
-    status = _end(w, start, middle, answer.shift, solved.opens)
-    remains = False
-    if status == FINE and met:  # overlaps that are squeezed cannot be opened
-        remains = correct_end(w, rows, pairs, gaps)
+    status, remains = end_step(
+        w, rows, answer.x, start, middle, answer.shift, solved.opens, met, cone, force, pairs, gaps
+    )  # fmt: skip
     if status == FINE:
         short = counts[MEMORY.solved] == 0 or solved.residual > SHORTFALL_LIMIT
         memory[MEMORY.short_steps] += short or remains or unseen
@@ -200,9 +165,9 @@ def _step(w, law, memory, margins, cone, loaded):
     start, middle, bias = numbers(nv), numbers(nq), zeros(nv)
     begun = copied(data_floats(w, DATA.qpos, nq))
     work = numbers(max(11 * size(w, MODEL.nbody) + len(margins), 6 * size(w, MODEL.nbody) + nv, 3 * nv))
-    full = to_middle(
-        w, counts, left, frames, gained, held, start, middle, bias, turning, gravity, margins, work, loaded
-    )
+    begin(w, counts, left, frames, gained, held, loaded)
+    full = to_midpoint(w, gained, start, middle, work)
+    free_step(w, start, held, bias, turning, gravity, gained, work)
     free, status, collided, missed, farther, allowed = copied(velocity_of(w)), FARTHER, False, 0.0, 0, 1.0
     narrow = True
     while status == FARTHER:
@@ -217,8 +182,10 @@ def _step(w, law, memory, margins, cone, loaded):
             if full:
                 counts[MEMORY.solved] = 0
                 memory[MEMORY.short_steps] += 1.0
-            write_acceleration(w, start)
-            status = _end(w, start, middle, bias, False)
+            status, _ = end_step(
+                w, rows_at(0, 0, 0, 0), bias[:0], start, middle, bias, False, False, cone, bias[:0], integers(0),
+                bias[:0],
+            )  # fmt: skip
             break
         jacobian, chosen, seen, mark = jacobian_of(w, False), marks(n), marks(n), cleared(size(w, MODEL.ntree))
         entries = entries_of(jacobian, layout_of_trees(w), mark)
@@ -232,33 +199,15 @@ def _step(w, law, memory, margins, cone, loaded):
         )  # fmt: skip
         keep(block)
         if status == FARTHER:
-            full, narrow, farther = detect_farther(w, start, free, middle, margins, work), False, farther + 1
+            full, narrow, farther = detect_farther(w, start, free, middle, work), False, farther + 1
             allowed = floats(w.work, 1)[0]
         elif status == UNSEEN:
             full, narrow, status = detect_limits(w, start, free, middle) or full, False, FARTHER
             memory[MEMORY.work] = 1.0 if counts[MEMORY.found_rows] == 0 else memory[MEMORY.found_work]
     if status == FINE:
-        if setting(w, SETTING.inertial) != 0.0 and turning.any():
-            limit_energy(w, begun, start, turning, gravity)
+        finish(w, begun, start, turning, gravity)
         _finish(w, memory, counts, left, frames, collided, missed)
     return status
-
-
-@kernel
-def _sense(w, start):
-    """Compute the sensors that depend on accelerations and forces, at the middle of the step; see `forces.sense`."""
-    qvel, listed = velocity_of(w), setting(w, SETTING.listed)
-    after = copied(qvel)
-    put(qvel, start)
-    mj.com_vel(w.model, w.data)
-    hide_far_limits(w)
-    if listed >= _POS:
-        mj.sensor_pos(w.model, w.data)
-    if listed >= _VEL:
-        mj.sensor_vel(w.model, w.data)
-    mj.sensor_acc(w.model, w.data)
-    hide_far_limits(w)
-    put(qvel, after)
 
 
 @linked(

@@ -1,18 +1,14 @@
-"""Write the forces of contact and the accelerations of a step into data, for sensors and other readers."""
+"""Sensors of time steps, and what MuJoCo computes between them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 import mujoco
-import numpy as np
-from numpy.lib.stride_tricks import as_strided
 
 from impactlaw.compiled import for_python
 from impactlaw.solvers.cones.algebra.loops import plain
-from impactlaw.stepping.compiled.dense import encode_pyramids, leave_open_out
 from impactlaw.stepping.time_stepping.margins import LEAST
-from impactlaw.stepping.time_stepping.problem.rows import Rows
 
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 _ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
@@ -45,58 +41,10 @@ def without_far_limits(
     for_python(hide_limits)(*rows)
 
 
-def write_forces(
-    model: mujoco.MjModel, data: mujoco.MjData, start: np.ndarray, cone: int, found: tuple[Rows, np.ndarray] | None
-) -> None:
-    """Write the impulses of the step over h to ``efc_force`` and ``qfrc_constraint``, for sensors and other readers.
-
-    Args:
-        model: the scene.
-        data: its state, with the contacts of the step and the velocity after it.
-        start: velocity before the step, (nv,).
-        cone: kind of friction cone that the user has chosen; readers decode forces by it.
-        found: the rows, and their impulses in units of the problem; None without contact.
-    """
-    force, h = np.zeros(data.nefc), model.opt.timestep
-    if found is not None:
-        rows, impulse = found
-        force[rows.row] = rows.scale * impulse / h
-    mujoco.mj_mulJacTVec(model, data, data.qfrc_constraint, force)
-    data.qacc[:] = (data.qvel - start) / h
-    data.efc_force[:] = force
-    if data.ncon:
-        contact, each = data.contact, data.contact.dist.strides[0]
-        first = contact.dist[:1].view(np.int32)  # distance is the first field of a contact
-        whole = as_strided(first, (data.ncon, each // 4), (each, 4))
-        data.ncon = leave_open_out(force, contact.dist, LEAST, contact.dim, contact.efc_address, whole, data.efc_id)
-    if not data.ncon or cone != _PYRAMIDAL:
-        return
-    model.opt.cone, elliptic = _PYRAMIDAL, data.contact.efc_address.copy()
-    mujoco.mj_makeConstraint(model, data)
-    contact = data.contact
-    encode_pyramids(force, elliptic, contact.efc_address, contact.dim, contact.friction, data.efc_force)
-
-
 def listed_stage(model: mujoco.MjModel) -> int:
     """Return the last stage, before that of forces, in which sensors read the list of contacts; 0 if none do."""
     of_contacts = model.sensor_needstage[model.sensor_type == _CONTACT]
     return int(of_contacts[of_contacts < _ACC].max(initial=0))
-
-
-def sense(model: mujoco.MjModel, data: mujoco.MjData, start: np.ndarray, listed: int) -> None:
-    """Compute the sensors that depend on accelerations and forces, at the middle of the step.
-
-    Those that depend on the list of contacts are computed again, since it is shorter now (`listed_stage`).
-    """
-    after = data.qvel.copy()
-    data.qvel[:] = start
-    mujoco.mj_comVel(model, data)
-    if listed >= _POS:
-        without_far_limits(mujoco.mj_sensorPos, model, data)
-    if listed >= _VEL:
-        without_far_limits(mujoco.mj_sensorVel, model, data)
-    without_far_limits(mujoco.mj_sensorAcc, model, data)
-    data.qvel[:] = after
 
 
 _POSITION = (

@@ -155,7 +155,7 @@ def _is_loose(w, before, free, t):
     return change > SETTLED * largest + STILL or not norm(free[first:end]) < np.inf
 
 
-@shared(types.void(WORLD, *[NUMBERS] * 3, MARKS, NUMBERS, NUMBERS), counts=False)
+@plain
 def settle(w, start, held, bias, turning, gravity, room):
     """Set qvel to the velocity without contact; mark the trees of bodies that turn too fast for the timestep.
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from impactlaw.scene.moving_surfaces import LastMotion, Surfaces
+from impactlaw.scene.moving_surfaces import LastMotion
 from impactlaw.scene.tolerances import BLOW, PUT
 from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain, put
 from impactlaw.solvers.cones.algebra.vectors import length
@@ -96,13 +96,6 @@ def put_motion(numbers: np.ndarray, model: mujoco.MjModel, motion: LastMotion | 
     head[HEAD.time] = motion.time
     for part, value in zip(parts, motion[1:], strict=True):
         part[:] = value
-
-
-def write_motion(numbers: np.ndarray, surfaces: Surfaces) -> None:
-    """Write what steps in Python tell functions of compiled steps of the motion of mocap bodies in a step."""
-    rows = numbers[len(HEAD) :].reshape(-1, ROW.width)
-    numbers[HEAD.speed], numbers[HEAD.moves] = surfaces.speed, surfaces.move
-    rows[:, ROW.end : ROW.now], rows[:, ROW.now :] = surfaces.end_velocity, surfaces.middle_velocity
 
 
 @plain

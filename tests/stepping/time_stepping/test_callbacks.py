@@ -1,0 +1,93 @@
+"""Callbacks of the user, such as MuJoCo's filter of contacts, during time steps in Python."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from impactlaw import Moreau, Stepper
+from impactlaw.stepping.time_stepping import scheme
+
+BOXES = """<mujoco><option timestep="0.03"/><worldbody><geom type="plane" size="1 1 1"/>
+  <body pos="0 0 .12"><freejoint/><geom type="box" size=".1 .05 .02"/></body>
+  <body pos="0 0 .3"><freejoint/><geom type="box" size=".1 .05 .02"/></body></worldbody></mujoco>"""
+
+
+def test_errors_of_a_filter_are_raised_also_where_compiled_code_calls_it(monkeypatch: pytest.MonkeyPatch):
+    """Overlaps at the end of steps are opened in compiled code, which looks for contacts and calls the filter."""
+    inside, calls, compiled = [False], [0], scheme.for_python
+
+    def watched(part):
+        function = compiled(part)
+
+        def called(*given):
+            inside[0] = part is scheme.end_step
+            return function(*given)
+
+        return called
+
+    def filter_of_contacts(*given: object) -> int:
+        calls[0] += inside[0]
+        if inside[0]:
+            raise ValueError("from the filter")
+        return 0
+
+    def steps() -> None:
+        rng = np.random.default_rng(0)
+        for _ in range(60):
+            mujoco.mj_resetData(model, data)
+            data.qvel[:] = rng.normal(size=12) * np.array([1, 1, 3, 20, 20, 20] * 2)
+            for _ in range(15):
+                inside[0] = False
+                stepper.step(data)
+
+    monkeypatch.setattr(scheme, "for_python", watched)
+    model = mujoco.MjModel.from_xml_string(BOXES)
+    data = mujoco.MjData(model)
+    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled="never")
+    mujoco.set_mjcb_contactfilter(filter_of_contacts)
+    try:
+        with pytest.raises(ValueError, match="from the filter"):
+            steps()
+        assert mujoco.get_mjcb_contactfilter() is filter_of_contacts
+    finally:
+        mujoco.set_mjcb_contactfilter(None)
+    assert calls[0] > 0
+
+
+USED = """<mujoco><worldbody><geom type="plane" size="1 1 1"/>
+  <body pos="0 0 .101"><joint name="up" type="slide" axis="0 0 1"/><geom size=".1"/></body></worldbody>
+  <actuator><general joint="up" dyntype="user" gaintype="user" biastype="user" actdim="1"/></actuator>
+  <sensor><user name="own" dim="1" datatype="real" needstage="acc"/></sensor></mujoco>"""
+
+
+@pytest.mark.parametrize("name", ["control", "passive", "act_dyn", "act_gain", "act_bias", "sensor"])
+def test_errors_of_callbacks_are_raised_and_lose_nothing(name):
+    """Compiled code calls all of them but the control; without care their errors would end the process."""
+
+    def callback(*given: object) -> float:
+        calls.append(given)
+        if len(calls) == 3:
+            raise ValueError("from the callback")
+        return 0.0
+
+    calls, take = [], getattr(mujoco, f"set_mjcb_{name}")
+    model = mujoco.MjModel.from_xml_string(USED)
+    data, alone = mujoco.MjData(model), mujoco.MjData(model)
+    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled="never")
+    take(callback)
+    try:
+        with pytest.raises(ValueError, match="from the callback"):
+            for _ in range(3):
+                before = data.time, data.qpos[0], data.qvel[0]
+                stepper.step(data)
+        assert (data.time, data.qpos[0], data.qvel[0]) == before
+        assert getattr(mujoco, f"get_mjcb_{name}")() is callback
+        for _ in range(10):
+            stepper.step(data)
+    finally:
+        take(None)
+    fresh = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled="never")
+    while alone.time < data.time - 1e-9:
+        fresh.step(alone)
+    assert abs(alone.qpos[0] - data.qpos[0]) < 1e-12
+    assert all(given[0] is model for given in calls)
