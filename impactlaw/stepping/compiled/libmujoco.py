@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
+from threading import RLock
 from typing import Any
 
 import llvmlite.binding as llvm
@@ -77,6 +78,8 @@ is_sparse, make_data = _external("mj_isSparse", _P, returned=_I), _external("mj_
 
 CALLBACKS = ("control", "passive", "act_dyn", "act_gain", "act_bias", "contactfilter", "sensor")
 """Names of MuJoCo's callbacks that steps call."""
+EXCHANGE = RLock()
+"""Held while callbacks are exchanged: each thread must restore those of the user, not what another one has set."""
 
 
 @cache
@@ -98,17 +101,18 @@ def without_callbacks() -> Iterator[None]:
     MuJoCo's compiler calls them, too. Callbacks set from C are unknown to MuJoCo's bindings, which therefore do not
     restore them.
     """
-    places = [ctypes.c_size_t.from_address(place) for place in callbacks().tolist()]
-    addresses = [place.value for place in places]
-    functions = [getattr(mujoco, f"get_mjcb_{name}")() for name in CALLBACKS]
-    try:
-        for name in CALLBACKS:
-            getattr(mujoco, f"set_mjcb_{name}")(None)
-        yield
-    finally:
-        for name, function, place, address in zip(CALLBACKS, functions, places, addresses, strict=True):
-            getattr(mujoco, f"set_mjcb_{name}")(function)
-            place.value = address
+    with EXCHANGE:
+        places = [ctypes.c_size_t.from_address(place) for place in callbacks().tolist()]
+        addresses = [place.value for place in places]
+        functions = [getattr(mujoco, f"get_mjcb_{name}")() for name in CALLBACKS]
+        try:
+            for name in CALLBACKS:
+                getattr(mujoco, f"set_mjcb_{name}")(None)
+            yield
+        finally:
+            for name, function, place, address in zip(CALLBACKS, functions, places, addresses, strict=True):
+                getattr(mujoco, f"set_mjcb_{name}")(function)
+                place.value = address
 
 
 @plain

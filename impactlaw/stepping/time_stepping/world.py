@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
-from threading import Lock, get_ident, local
+from threading import get_ident, local
 from typing import Any
 
 import mujoco
@@ -15,13 +15,12 @@ from impactlaw.compiled import for_python
 from impactlaw.scene.equality_constraints import constraint_kinds
 from impactlaw.stepping.compiled.engine import Pool, one_world
 from impactlaw.stepping.compiled.layout import table
-from impactlaw.stepping.compiled.libmujoco import CALLBACKS, is_called_back, without_callbacks
+from impactlaw.stepping.compiled.libmujoco import CALLBACKS, EXCHANGE, is_called_back, without_callbacks
 from impactlaw.stepping.time_stepping.compiled.midpoint import find_sizes
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import HEAD, surface_room
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World
 
 _CALLED = [name for name in CALLBACKS if name != "control"]  # by compiled code
-_LOCK = Lock()
 _steps: list[int] = []  # threads in which steps are under way
 _own: dict[str, tuple[Any, Any]] = {}  # the user's callbacks, and what stands in for them meanwhile
 _errors = local()  # of the callbacks in a thread
@@ -47,23 +46,24 @@ def _careful(own: Any) -> Any:
 @contextmanager
 def errors_of_callbacks() -> Iterator[None]:
     """Raise exceptions of the user's callbacks at the end: within compiled code they would end the process."""
-    if not is_called_back():
+    outer, errors = _errors_here(), list[BaseException]()
+    with EXCHANGE:
+        if called := is_called_back():
+            for name in _CALLED if not _steps else ():
+                own = getattr(mujoco, f"get_mjcb_{name}")()
+                if own is not None:
+                    _own[name] = own, _careful(own)
+                    getattr(mujoco, f"set_mjcb_{name}")(_own[name][1])
+            _steps.append(get_ident())
+    if not called:
         yield
         return
-    outer, errors = _errors_here(), list[BaseException]()
     _errors.found = errors
-    with _LOCK:
-        for name in _CALLED if not _steps else ():
-            own = getattr(mujoco, f"get_mjcb_{name}")()
-            if own is not None:
-                _own[name] = own, _careful(own)
-                getattr(mujoco, f"set_mjcb_{name}")(_own[name][1])
-        _steps.append(get_ident())
     try:
         yield
     finally:
         _errors.found = outer
-        with _LOCK:
+        with EXCHANGE:
             _steps.remove(get_ident())
             for name in () if _steps else list(_own):
                 own, careful = _own.pop(name)

@@ -1,10 +1,14 @@
 """Callbacks of the user, such as MuJoCo's filter of contacts, during time steps in Python."""
 
+import threading
+import time
+
 import mujoco
 import numpy as np
 import pytest
 
 from impactlaw import Moreau, Stepper
+from impactlaw.stepping.compiled.libmujoco import without_callbacks
 from impactlaw.stepping.time_stepping import scheme
 
 BOXES = """<mujoco><option timestep="0.03"/><worldbody><geom type="plane" size="1 1 1"/>
@@ -91,3 +95,64 @@ def test_errors_of_callbacks_are_raised_and_lose_nothing(name):
         fresh.step(alone)
     assert abs(alone.qpos[0] - data.qpos[0]) < 1e-12
     assert all(given[0] is model for given in calls)
+
+
+def test_callbacks_survive_two_threads_that_take_them_off_at_once():
+    """Steppers take callbacks off while they make scenes of their own."""
+
+    def first() -> None:
+        with without_callbacks():
+            entered.set()
+            time.sleep(0.05)
+
+    def second() -> None:
+        entered.wait()
+        with without_callbacks():
+            time.sleep(0.1)
+
+    def callback(*given: object) -> None:
+        pass
+
+    entered, threads = threading.Event(), [threading.Thread(target=first), threading.Thread(target=second)]
+    mujoco.set_mjcb_passive(callback)
+    try:
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert mujoco.get_mjcb_passive() is callback
+    finally:
+        mujoco.set_mjcb_passive(None)
+
+
+def test_an_error_of_a_callback_reaches_only_the_thread_whose_step_has_called_it():
+    models = [mujoco.MjModel.from_xml_string(USED) for _ in range(3)]
+    errors: list[list[str]] = [[], [], []]
+
+    def callback(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        if model is models[1] and data.time > 0.05:
+            raise ValueError("from the callback")
+
+    def run(number: int) -> None:
+        data = mujoco.MjData(models[number])
+        for _ in range(200):
+            try:
+                steppers[number].step(data) if number < 2 else mujoco.mj_step(models[number], data)
+            except ValueError as error:
+                errors[number].append(str(error))
+                data = mujoco.MjData(models[number])
+
+    steppers = [Stepper(model, Moreau(0.5), scheme="time-stepping", compiled="never") for model in models]
+    for stepper, model in zip(steppers, models, strict=True):
+        stepper.step(mujoco.MjData(model))  # the first step makes a pool, during which no callback is set
+    threads = [threading.Thread(target=run, args=(number,)) for number in range(3)]
+    mujoco.set_mjcb_passive(callback)
+    try:
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert mujoco.get_mjcb_passive() is callback
+    finally:
+        mujoco.set_mjcb_passive(None)
+    assert errors == [[], ["from the callback"] * 7, []]
