@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections.abc import Callable
 
 import mujoco
 import numpy as np
@@ -97,6 +98,19 @@ def test_errors_of_callbacks_are_raised_and_lose_nothing(name):
     assert all(given[0] is model for given in calls)
 
 
+def keep_callback_through(threads: list[threading.Thread], callback: Callable[..., None]) -> None:
+    """Run threads to their ends under a callback, which must then still be set."""
+    mujoco.set_mjcb_passive(callback)
+    try:
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert mujoco.get_mjcb_passive() is callback
+    finally:
+        mujoco.set_mjcb_passive(None)
+
+
 def test_callbacks_survive_two_threads_that_take_them_off_at_once():
     """Steppers take callbacks off while they make scenes of their own."""
 
@@ -114,15 +128,7 @@ def test_callbacks_survive_two_threads_that_take_them_off_at_once():
         pass
 
     entered, threads = threading.Event(), [threading.Thread(target=first), threading.Thread(target=second)]
-    mujoco.set_mjcb_passive(callback)
-    try:
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-        assert mujoco.get_mjcb_passive() is callback
-    finally:
-        mujoco.set_mjcb_passive(None)
+    keep_callback_through(threads, callback)
 
 
 def test_an_error_of_a_callback_reaches_only_the_thread_whose_step_has_called_it():
@@ -146,13 +152,5 @@ def test_an_error_of_a_callback_reaches_only_the_thread_whose_step_has_called_it
     for stepper, model in zip(steppers, models, strict=True):
         stepper.step(mujoco.MjData(model))  # the first step makes a pool, during which no callback is set
     threads = [threading.Thread(target=run, args=(number,)) for number in range(3)]
-    mujoco.set_mjcb_passive(callback)
-    try:
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-        assert mujoco.get_mjcb_passive() is callback
-    finally:
-        mujoco.set_mjcb_passive(None)
+    keep_callback_through(threads, callback)
     assert errors == [[], ["from the callback"] * 7, []]

@@ -32,6 +32,7 @@ def test_an_error_of_mujoco_in_compiled_code_is_an_exception_and_loses_nothing(m
             before = np.concatenate([one.qpos, one.qvel, [one.time]])
             stepper.step(one)
     assert np.array_equal(np.concatenate([one.qpos, one.qvel, [one.time]]), before)
+    assert one.pstack == one.pbase == 0  # nothing of MuJoCo's memory remains in use
     one.qvel[:], one.qpos[:] = 0.0, model.qpos0
     one.qpos[2::7] += 3.0 * np.arange(8)  # nothing touches for a while
     other.qpos[:], other.time = one.qpos, one.time
