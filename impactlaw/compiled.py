@@ -214,8 +214,8 @@ def compiled(*signature: Any, counts: bool = True, python: bool = True) -> Calla
 
 @cache
 def for_python(part: Any) -> Any:
-    """Return a function that Python calls, for one that compiled functions call; see `loops.plain`, `shared`."""
-    function = getattr(part, "for_python", None) or part.py_func
+    """Return a function that Python calls, for one that compiled functions call; see `loops.plain`."""
+    function = part.py_func
     folder = cache_folder(_parts(function.__module__))
     if folder is None or not any((folder / function.__module__).glob(f"*.{function.__name__}-*.nbi")):
         _tell()

@@ -170,15 +170,15 @@ class PassedOnWarning(UserWarning):
 
 
 class UncompiledWarning(UserWarning):
-    """Steps run in Python although compiled steps were asked for."""
+    """Steps run in Python, or ask a law in Python, although compiled steps were asked for."""
 
 
-def warn_of_python(why: object) -> None:
+def warn_of_python(why: object, what: str = "steps are not compiled, but in Python") -> None:
     """Issue an `UncompiledWarning` at the line outside of this package from which it was called."""
     level, frame = 1, inspect.currentframe()
     while frame is not None and frame.f_globals.get("__name__", "").startswith("impactlaw."):
         level, frame = level + 1, frame.f_back
-    warnings.warn(f"steps are not compiled, but in Python: {why}", UncompiledWarning, stacklevel=level)
+    warnings.warn(f"{what}: {why}", UncompiledWarning, stacklevel=level)
 
 
 class WorldsFailedError(ImpactLawError):

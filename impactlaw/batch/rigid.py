@@ -19,12 +19,11 @@ from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.time_stepping.compiled.entry import WORLDS, many
 from impactlaw.stepping.time_stepping.compiled.model_copy import room
 from impactlaw.stepping.time_stepping.compiled.state import memory, status
-from impactlaw.stepping.time_stepping.compiled.state.law import reason
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import forget_surfaces
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING
 from impactlaw.stepping.time_stepping.inertial_forces import INERTIA
-from impactlaw.stepping.time_stepping.scheme import TimeStepping
+from impactlaw.stepping.time_stepping.law_in_scene import LawInScene
 
 _WHY = {
     status.HUGE_INPUT: "the state is not finite, or huge",
@@ -52,15 +51,15 @@ class RigidWorlds:
 
     def __init__(self, model: Any, plan: Plan, law: Law, options: Options, pool: Pool, fields: Fields):
         friction, inadmissible = options.friction or "coulomb", options.on_inadmissible or "project"
-        scheme = TimeStepping(
+        scene = LawInScene(
             model, law, plan, friction=friction, on_inadmissible=inadmissible, rest_speed=options.rest_speed
         )
-        self._model, self._scheme, worlds = model, scheme, pool.worlds
-        self.laws = Laws(partial(_convert, scheme), worlds, len(SETTING), SETTING.restitution)
+        self._model, self._scene, worlds = model, scene, pool.worlds
+        self.laws = Laws(partial(_convert, scene), worlds, len(SETTING), SETTING.restitution)
         self._memory = memory.make_memory(model, worlds)
         self._counted = self._memory[:, _COUNTED].copy()
         self._report = np.zeros((worlds, 2), np.int64)
-        self._carriers, self._bilateral = scheme.carriers, constraint_kinds(scheme.model)
+        self._carriers, self._bilateral = scene.carriers, constraint_kinds(model)
         self._slots, self._table = np.zeros((pool.threads + 1, 2), np.int64), table()
         when_gone(self, _free, self._memory, self._slots)
         self.context = np.zeros(len(WORLDS), np.int64)
@@ -90,7 +89,7 @@ class RigidWorlds:
         If inertial forces depend on the field, Coriolis and gyroscopic forces are computed in all worlds from now on.
         """
         if name in INERTIA:
-            self._scheme.inertial.act = True
+            self._scene.inertial.act = True
             self.laws.settings[:, SETTING.inertial] = 1.0
 
     def start(self, worlds: np.ndarray, steps: int) -> None:
@@ -124,13 +123,13 @@ class RigidWorlds:
         memory.begin(self._memory, worlds, self._model)
 
 
-def _convert(scheme: TimeStepping, law: Law) -> Converted:
+def _convert(scene: LawInScene, law: Law) -> Converted:
     """Convert a law for compiled code; forces are not written in the form of MuJoCo's cones."""
-    scheme.set_law(law)
-    check_covered(reason(scheme.problem.targets, scheme.model))
-    row = list(scheme.settings())
+    scene = scene.under(law)
+    check_covered(scene.reason)
+    row = list(scene.settings())
     row[SETTING.forces] = 0.0
-    return scheme.coefficients(), row
+    return scene.coefficients(), row
 
 
 def _free(numbers: np.ndarray, slots: np.ndarray) -> None:

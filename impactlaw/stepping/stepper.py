@@ -88,9 +88,11 @@ class Stepper:
             with E = 0 (soft), or time stepped if E = 0 would cost energy (event-driven). A larger number also allows
             more work.
         solver: a name from `impactlaw.solvers.SOLVERS`, or "auto" (event-driven, soft).
-        compiled: "auto" (the default) takes steps in compiled code if it covers the scene and the law, and warns if it
-            does not and "auto" was given explicitly; "never" takes all steps in Python (time stepping, soft). Steps
-            while a callback of MuJoCo is set, and soft steps of the integrator "discrete", are in Python, too.
+        compiled: "auto" (the default) takes soft steps in compiled code if it covers the scene and the law, and "never"
+            takes them in Python. So are those while a callback of MuJoCo is set, and of the integrator "discrete". Time
+            steps are always in compiled code: "auto" asks a law in Python at each collision if there is no table for
+            it, "never" whenever it has not the same coefficient for all contacts. An explicit "auto" warns of steps,
+            or of a law, in Python.
 
     `law` can be set; the other options can only be read.
 
@@ -113,7 +115,7 @@ class Stepper:
             force of servos.
         UnreadSensorsWarning: event-driven steps leave contact sensors without forces.
         FlexContactsWarning: contacts of flexes stay MuJoCo's (soft).
-        UncompiledWarning: steps are in Python, although compiled="auto" was given.
+        UncompiledWarning: steps are in Python, or ask the law there, although compiled="auto" was given.
     """
 
     model, plan = Settled(_ANEW), Settled(_ANEW)

@@ -23,10 +23,9 @@ from impactlaw.stepping.soft.scheme import SoftStepping
 
 if TYPE_CHECKING:
     from impactlaw.stepping.soft.compiled.stepping import CompiledSoftStepping
-    from impactlaw.stepping.time_stepping.compiled.stepping import CompiledStepping
     from impactlaw.stepping.time_stepping.scheme import TimeStepping
 
-    Stepping = RigidStepping | SoftStepping | CompiledSoftStepping | TimeStepping | CompiledStepping
+    Stepping = RigidStepping | SoftStepping | CompiledSoftStepping | TimeStepping
 
 _EVENTS = 100  # default of max_events, the largest number of collisions in one step
 _UNREAD = (

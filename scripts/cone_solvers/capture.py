@@ -1,13 +1,10 @@
-"""Capture contact problems with friction as time stepping poses them, by intercepting its own calls.
+"""Capture contact problems with friction as time stepping poses them.
 
 A scene is stepped from drops and with random controls, with e = 0 and 0.5, under several seeds. Every few steps the
-arguments that the scheme passes to its solver are copied. Problems that zero impulses solve are left out.
+first problem of a step is copied. Problems that zero impulses solve are left out.
 """
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from typing import Any
-from unittest import mock
 
 import mujoco
 import numpy as np
@@ -16,10 +13,9 @@ from scipy import sparse
 from impactlaw import ImpactLawError, Moreau, Stepper
 from impactlaw.compiled import compiled
 from impactlaw.solvers.cones import CONE
-from impactlaw.stepping.time_stepping import contact_impulses
-from impactlaw.stepping.time_stepping.problem.rows import Known, Rows
-from impactlaw.stepping.time_stepping.problem.solution.contact_problem import Aims, Method, guess
+from impactlaw.stepping.time_stepping.calls import Posed
 from impactlaw.stepping.time_stepping.problem.targets import write_offsets
+from impactlaw.stepping.time_stepping.scheme import TimeStepping
 from scripts.robots import starts
 from scripts.robots.scenes import Loaded, Scene
 
@@ -53,28 +49,30 @@ def problems_of_run(scene: Scene, loaded: Loaded, count: int, rng: np.random.Gen
     """Return the problems of one run; its number determines restitution and controls."""
     model = loaded.model
     data = _start(scene, loaded, rng)
-    options: dict[str, Any] = {"scheme": "time-stepping", "overlap": "push-out", "compiled": "never"}
-    stepper = Stepper(model, Moreau((0.0, 0.5)[run % 2]), **options)  # in Python: calls can be seen
+    options: dict[str, Any] = {"scheme": "time-stepping", "overlap": "push-out"}
+    stepper = Stepper(model, Moreau((0.0, 0.5)[run % 2]), **options)
     steps, between = (_STEPS, _BETWEEN) if model.nv < _MANY else (_FEW_STEPS, _FEW_BETWEEN)
     kind = "drop" if run // 2 % 2 or not model.nu else "random"
     controls = starts.controls(model, kind, data.ctrl.copy(), -(-steps // starts.HELD), int(rng.integers(1 << 31)))
     taken, seen = list[Problem](), list[Problem]()
     due = int(rng.integers(*between))
-    with _watched(lambda *given: seen.append(problem_of(scene.name, *given))):
-        for step in range(steps):
-            data.ctrl[:] = controls[step // starts.HELD]
-            seen.clear()
-            try:
-                stepper.step(data)
-            except (ImpactLawError, mujoco.FatalError):  # the motion diverges, or there are more contacts than memory
-                break
-            if not np.abs(data.qvel).max() < _FASTEST or not np.isfinite(stepper.shortfall):
-                break
-            if step >= due and seen and _is_worth_solving(problem := scaled(seen[0])):
-                taken.append(problem)
-                due = step + int(rng.integers(*between))
-            if len(taken) == count:
-                break
+    assert isinstance(stepper.stepping, TimeStepping)
+    exact = stepper.stepping.law.exact
+    stepper.stepping.watch(lambda posed: seen.append(problem_of(scene.name, posed, model.dof_treeid, exact=exact)))
+    for step in range(steps):
+        data.ctrl[:] = controls[step // starts.HELD]
+        seen.clear()
+        try:
+            stepper.step(data)
+        except (ImpactLawError, mujoco.FatalError):  # the motion diverges, or there are more contacts than memory
+            break
+        if not np.abs(data.qvel).max() < _FASTEST or not np.isfinite(stepper.shortfall):
+            break
+        if step >= due and seen and _is_worth_solving(problem := scaled(seen[0])):
+            taken.append(problem)
+            due = step + int(rng.integers(*between))
+        if len(taken) == count:
+            break
     return taken
 
 
@@ -89,37 +87,23 @@ def _start(scene: Scene, loaded: Loaded, rng: np.random.Generator) -> mujoco.MjD
     return data
 
 
-@contextmanager
-def _watched(look: Callable[[Rows, Aims, Known, Method], object]) -> Iterator[None]:
-    """Pass the problem of every call of the scheme's `resolve_step` to a function."""
-    own = contact_impulses.resolve_step
-
-    def seam(*given: Any) -> object:
-        rows, aims, _, known, _, _, _, method, _ = given
-        look(rows, aims, known, method)
-        return own(*given)
-
-    with mock.patch.object(contact_impulses, "resolve_step", seam):
-        yield
-
-
-def problem_of(scene: str, given: Rows, aims: Aims, known: Known, method: Method) -> Problem:
-    """Return the problem that `resolve_step` is given, not scaled; all arrays are copies."""
-    groups, rates, shape = given.groups, given.rates, (given.groups[1].sum(), len(method.tree))
+def problem_of(scene: str, posed: Posed, tree: np.ndarray, *, exact: bool) -> Problem:
+    """Return a problem that a step has posed, not scaled; ``tree``, (nv,), is that of each degree of freedom."""
+    given, groups, rates = posed.rows, posed.rows.groups, posed.rows.rates
     indptr = np.concatenate([[0], np.cumsum(given.sparse[0])]).astype(np.int32)
     assert (given.sparse[1] == indptr[:-1]).all()
     return Problem(
         scene=scene,
-        rows=sparse.csr_array((given.value.copy(), given.colind.copy(), indptr), shape=shape),
-        tree=method.tree.copy(),
+        rows=sparse.csr_array((given.value, given.colind, indptr), shape=(groups[1].sum(), len(tree))),
+        tree=tree.copy(),
         size=groups[1].copy(),
         kind=groups[2].copy(),
         bound=given.amounts[1].copy(),
         compliance=rates[4].copy(),
-        offset=_offsets(groups, rates, aims.target, aims.sliding),
-        guess=_recall(given, known[:4]),
-        exact=method.exact,
-        rounds=method.rounds,
+        offset=_offsets(groups, rates, posed.target, posed.sliding),
+        guess=posed.guess,
+        exact=exact,
+        rounds=posed.rounds,
     )
 
 
@@ -129,14 +113,6 @@ def _offsets(groups, rates, target, sliding):
     b = np.empty(rates.shape[1])
     write_offsets(groups, rates, target, sliding, b)
     return b
-
-
-@compiled()
-def _recall(rows, known):
-    """Return the initial impulses that `guess` writes, (n,)."""
-    x = np.empty(rows.rates.shape[1])
-    guess(rows, known, x)
-    return x
 
 
 def _is_worth_solving(problem: Problem) -> bool:

@@ -21,7 +21,7 @@ from tqdm import tqdm
 from impactlaw import Stepper
 from impactlaw.errors import ManyCollisionsWarning
 from impactlaw.scene.contacts import update_positions
-from impactlaw.stepping.time_stepping.make import warm_up
+from impactlaw.stepping.time_stepping.make import compile_steps
 from scripts.options import Count, Seconds, Seed, read
 
 from . import making
@@ -110,7 +110,7 @@ def main() -> int:
     """Run all scenes, and print the failures and the largest step time and gain; return 1 if there are failures."""
     options = read(RandomScenes, __doc__)
     warnings.simplefilter("ignore", ManyCollisionsWarning)
-    warm_up()
+    compile_steps()
     found = pd.DataFrame(tqdm(rows(options), total=options.scenes + options.piles, disable=None))
     wrong = (found.outcome != "fine") | (found.longest > LONGEST) | (found.gain > GAIN)
     with pd.option_context("display.width", 200, "display.max_rows", None, "display.max_colwidth", 90):

@@ -18,7 +18,7 @@ import pandas as pd
 import tyro
 from tqdm import tqdm
 
-from impactlaw.stepping.time_stepping.make import warm_up as compile_steps
+from impactlaw.stepping.time_stepping.make import compile_steps
 from scripts.apart import Worker
 from scripts.options import Coefficient, Count, Jobs, Seconds, read
 

@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 import mujoco
 
 from impactlaw import Moreau, Stepper
-from impactlaw.stepping.time_stepping.make import warm_up as compile_steps
+from impactlaw.stepping.time_stepping.make import compile_steps
 
 Way = Literal["mujoco", "soft", "event-driven", "time-stepping"]
 WAYS: tuple[Way, ...] = get_args(Way)

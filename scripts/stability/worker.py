@@ -25,10 +25,10 @@ def judged(worker: apart.Worker, case: str, law: str, solver: str, quick: bool, 
 def prepare() -> None:
     """Import and compile the code of all rows before the first is timed; turn floating-point warnings into errors."""
     from impactlaw.solvers import load_solvers
-    from impactlaw.stepping.time_stepping.make import warm_up
+    from impactlaw.stepping.time_stepping.make import compile_steps
 
     load_solvers()
-    warm_up()
+    compile_steps()
     warnings.simplefilter("error", RuntimeWarning)
 
 

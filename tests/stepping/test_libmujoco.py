@@ -11,7 +11,6 @@ from impactlaw import Moreau, Stepper
 from impactlaw.models import load
 from impactlaw.stepping.compiled.layout import table
 from impactlaw.stepping.compiled.libmujoco import find_library, is_called_back, library, without_callbacks
-from impactlaw.stepping.time_stepping.make import warm_up
 
 CALLBACKS = ("control", "passive", "act_dyn", "act_gain", "act_bias", "contactfilter", "sensor")
 
@@ -74,7 +73,7 @@ def test_a_callback_that_was_set_from_c_is_put_back():
 def test_steppers_are_made_while_a_callback_is_set_that_is_for_another_scene(way, name):
     """It is not called for the scenes with which this package tests compiled code at first use."""
     (model, data), heard = load("box_drop"), []
-    warm_up.cache_clear(), table.cache_clear()
+    table.cache_clear()
 
     def callback(model: mujoco.MjModel, *given: object) -> int:
         heard.append(model.names)

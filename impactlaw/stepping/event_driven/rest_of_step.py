@@ -103,13 +103,11 @@ class RestOfStep:
     def _made(self) -> tuple[TimeStepping, Passing]:
         """Return the stepping and the check of how far it may go, made on first use since they load compiled code."""
         if self._stepping is None or self._passing is None:
-            from impactlaw.stepping.time_stepping.make import warm_up
-            from impactlaw.stepping.time_stepping.scheme import TimeStepping
+            from impactlaw.stepping.time_stepping.make import make_time_stepping
 
-            warm_up()
             plan = make_plan(self._model, scheme="time-stepping", friction=self._friction)
             self._passing = Passing(self._model, plan.pairs.geoms)
-            self._stepping = TimeStepping(
+            self._stepping = make_time_stepping(
                 self._model,
                 self._law,
                 plan,
@@ -117,6 +115,7 @@ class RestOfStep:
                 on_inadmissible=self._on_inadmissible,
                 rest_speed=None,
                 touching=0.0,  # persistent contact of event-driven steps is closer
+                compiled="never",  # collisions are kept, since the timestep changes
             )
         return self._stepping, self._passing
 
@@ -125,7 +124,7 @@ def _advance(stepping: TimeStepping, data: mujoco.MjData, surfaces: Surfaces | N
     """Advance by the model's timestep; surfaces move to where they are at its end."""
     if surfaces is not None:
         now = data.time
-        data.time = now + stepping.model.opt.timestep
+        data.time = now + stepping.law.model.opt.timestep
         surfaces.place(data)
         data.time = now
     return stepping.step(data)

@@ -44,14 +44,10 @@ INERTIA = ("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_pos", "
 
 
 class InertialForces:
-    """The forces of one scene, ``M_h (v_free - v) = h (f - c(q_M, (v + v_free) / 2))``.
+    """Whether there are such forces in a scene, ``M_h (v_free - v) = h (f - c(q_M, (v + v_free) / 2))``.
 
     Attributes:
-        act: whether there are such forces, according to the last `look`.
-        used: the forces in the last step without contact, with gravity, (nv,).
-        turning: trees of bodies that turn too fast for the timestep, or nearly so, bool (ntree,). If no mean velocity
-            was found for a tree, the last step left its forces out.
-        gravity: the force of gravity in the middle of the step, (nv,), if there are such trees.
+        act: whether there are, according to the last `look`.
     """
 
     def __init__(self, model: mujoco.MjModel):
@@ -60,8 +56,6 @@ class InertialForces:
         self._seen: list[bytes] = []
         self.act = False
         self.look()
-        self.used, self.gravity = np.zeros((2, model.nv))
-        self.turning = np.zeros(model.ntree, dtype=bool)
 
     def __reduce__(self) -> tuple[type[InertialForces], tuple[mujoco.MjModel]]:
         """Make copies that look at the arrays of their own model."""

@@ -6,7 +6,7 @@ import pytest
 
 from impactlaw import Poisson, Stepper
 from impactlaw.solvers.friction import solve
-from impactlaw.stepping.time_stepping import contact_impulses
+from impactlaw.stepping.time_stepping import calls
 from impactlaw.stepping.time_stepping.tolerances import LAW_WORK
 
 BOX = '<body pos="{} {} {}"><freejoint/><geom type="box" size=".05 .05 .05" friction=".8"/></body>'
@@ -51,7 +51,7 @@ def test_a_block_of_boxes_takes_no_longer_than_it_may(monkeypatch: pytest.Monkey
 @pytest.mark.parametrize("most", [LAW_WORK, 0.0])
 def test_steps_in_which_the_law_finds_no_impulses_are_short(monkeypatch: pytest.MonkeyPatch, most):
     """Then contacts have the restitution of the law without friction: the corner of a box bounces all the same."""
-    monkeypatch.setattr(contact_impulses, "LAW_WORK", most)
+    monkeypatch.setattr(calls, "LAW_WORK", most)
     stepper, data = stepper_and_data(1)
     data.qpos[2], data.qpos[3:7], data.qvel[:] = 0.09, [0.8, 0.5, 0.2, 0.0], [0.2, 0.1, -1, 0, 0, 0]
     while not stepper.events:

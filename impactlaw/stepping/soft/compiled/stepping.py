@@ -7,10 +7,12 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from impactlaw.errors import DivergenceError
+from impactlaw.errors import DivergenceError, warn_of_python
 from impactlaw.laws import Law
 from impactlaw.scene.equality_constraints import constraint_kinds
 from impactlaw.scene.moving_surfaces import Surfaces
+from impactlaw.stepping.compiled.engine import Entry
+from impactlaw.stepping.compiled.libmujoco import is_called_back
 from impactlaw.stepping.compiled.one_world import OneWorld
 from impactlaw.stepping.impact_event import ImpactEvent, LazyEvents, together
 from impactlaw.stepping.integration import STEP_STATE, empty_state, restore_state
@@ -24,6 +26,7 @@ from impactlaw.stepping.soft.compiled.world import SETTING
 from impactlaw.stepping.soft.scheme import SoftStepping
 
 _STEPS, _TAKEN, _STATUS = CONTEXT.steps, CONTEXT.taken, CONTEXT.status
+_CALLED_BACK = "a callback of MuJoCo is set"
 _ROOM = 1_000_000  # numbers that tell the collisions of almost any step
 
 
@@ -37,8 +40,8 @@ class CompiledSoftStepping(OneWorld):
 
     def __init__(self, scheme: SoftStepping, *, warn: bool):
         model: Any = scheme.model
-        super().__init__(model, entry.address, CONTEXT, warn=warn)
-        self._scheme, self._trial = scheme, mujoco.MjData(model)
+        super().__init__(model, entry.address, CONTEXT)
+        self._scheme, self._warn, self._trial = scheme, warn, mujoco.MjData(model)
         self._room, self._steps = len(empty_state(model, STEP_STATE)), 0
         self._states = np.zeros((1, self._room + SUMS))
         given = scheme.collisions.given_speed
@@ -57,6 +60,21 @@ class CompiledSoftStepping(OneWorld):
         self._write_context()
         if self._reason is not None:
             self._tell(self._reason)
+
+    def _tell(self, why: str) -> None:
+        """Warn of steps in Python, once."""
+        if self._warn:
+            self._warn = False
+            warn_of_python(why)
+
+    def _opened(self) -> Entry | None:
+        """Return the entry into compiled code; None if steps are in Python, under this law or by MuJoCo's callbacks."""
+        if self._reason is not None:
+            return None
+        if self._entry is None and is_called_back():
+            self._tell(_CALLED_BACK)
+            return None
+        return self._entry or self._open()
 
     def _write_context(self) -> None:
         """Write the addresses of the inputs of compiled code."""
@@ -152,7 +170,7 @@ class CompiledSoftStepping(OneWorld):
             time = self._states[self._fields[_TAKEN], 0]  # MuJoCo resets the time of data
             raise DivergenceError(f"MuJoCo met a state that is not finite, or huge, in the step after t = {time:g} s")
         if how == world.CALLBACK:
-            self._tell_of_callback()
+            self._tell(_CALLED_BACK)
         else:
             steps = 1
         self._in_python(data, steps, parts)

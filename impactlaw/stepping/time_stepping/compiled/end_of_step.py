@@ -52,7 +52,6 @@ from impactlaw.stepping.compiled.fields import (
     put_int,
 )
 from impactlaw.stepping.compiled.left_out.tied_contacts import leave_tied_out
-from impactlaw.stepping.compiled.shared import shared
 from impactlaw.stepping.time_stepping.compiled.impulses.rows import count, read
 from impactlaw.stepping.time_stepping.compiled.model_copy import limit_margins, widen_limits
 from impactlaw.stepping.time_stepping.compiled.standing_cylinders import find_standing
@@ -273,7 +272,7 @@ def correct_end(w, rows, pairs, gaps):
     return depth > COUNTED
 
 
-@shared(BOOLEAN(WORLD, ROWS, types.int64[::1], NUMBERS), counts=False)
+@linked(BOOLEAN(WORLD, ROWS, types.int64[::1], NUMBERS), counts=False)
 def begins_overlapping(w, rows, known_key, start):
     """Return what `overlaps.begins_deep` returns, for the position at the start of the step, (nq,)."""
     nbody, ngeom = size(w, MODEL.nbody), size(w, MODEL.ngeom)

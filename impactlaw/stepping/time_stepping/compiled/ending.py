@@ -5,11 +5,11 @@ from __future__ import annotations
 import mujoco
 from numba import types
 
+from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import copied, kernel, norm, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import data_floats, option, size, velocity_of
 from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of
-from impactlaw.stepping.compiled.shared import shared
 from impactlaw.stepping.time_stepping.compiled.end_of_step import (
     copy_contacts,
     correct_end,
@@ -68,7 +68,7 @@ def _move_to_end(w, start, middle, shift, opens):
     return FINE
 
 
-@shared(
+@linked(
     types.Tuple((INTEGER, BOOLEAN))(
         WORLD, ROWS, *[NUMBERS] * 4, BOOLEAN, BOOLEAN, types.int32, NUMBERS, types.int32[::1], NUMBERS
     ),
@@ -101,7 +101,7 @@ def end_step(w, rows, x, start, middle, shift, opens, met, cone, force, pairs, g
     return status, status == FINE and met and correct_end(w, rows, pairs, gaps)
 
 
-@shared(types.void(WORLD, NUMBERS, NUMBERS, MARKS, NUMBERS), counts=False)
+@linked(types.void(WORLD, NUMBERS, NUMBERS, MARKS, NUMBERS), counts=False)
 def finish(w, begun, start, turning, gravity):
     """Limit energies, and write the remaining outputs of a step beside the state.
 

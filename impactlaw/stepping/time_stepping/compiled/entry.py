@@ -15,7 +15,7 @@ from impactlaw.stepping.compiled.fields import SIZE, address_of, floats, keep, l
 from impactlaw.stepping.compiled.pooled import copy_out, other_data
 from impactlaw.stepping.integration import STEP_STATE
 from impactlaw.stepping.time_stepping.compiled.state.memory import go_back, impulses_of
-from impactlaw.stepping.time_stepping.compiled.state.status import CALLBACK, FINE, UNKNOWN
+from impactlaw.stepping.time_stepping.compiled.state.status import CALLBACK, FINE, RAISED, UNKNOWN
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING
 from impactlaw.stepping.time_stepping.compiled.step import advance
 
@@ -36,7 +36,7 @@ class Context(NamedTuple):
     known: int = 10
     memory: int = 11  # memory of the world, and its size
     memories: int = 12
-    structure: int = 13  # room for a copy of the model's structure
+    structure: int = 13  # room for a copy of the model's structure; the model itself, if it has the options of the step
     margins: int = 14  # room for the margins of the copy, and their number
     margin_count: int = 15
     state: int = 16  # room for the state, and its size
@@ -45,6 +45,7 @@ class Context(NamedTuple):
     callbacks: int = 19  # addresses of MuJoCo's callbacks, and their number
     callback_count: int = 20
     asked: int = 21  # see `law.LawTable`, written
+    python: int = 22  # see `world.World`
 
 
 CONTEXT = Context()
@@ -54,7 +55,8 @@ CONTEXT = Context()
 def one_step(context):
     """Take one step of one world."""
     c = longs(context, len(CONTEXT))
-    if mj.is_watched(longs(c[CONTEXT.callbacks], c[CONTEXT.callback_count])):
+    own = c[CONTEXT.structure] == c[CONTEXT.model]  # MuJoCo passes callbacks no copy of the model
+    if not own and mj.is_watched(longs(c[CONTEXT.callbacks], c[CONTEXT.callback_count])):
         c[CONTEXT.status] = CALLBACK
         return
     memory, before = floats(c[CONTEXT.memory], c[CONTEXT.memories]), floats(c[CONTEXT.before], c[CONTEXT.memories])
@@ -64,9 +66,10 @@ def one_step(context):
         c[CONTEXT.carriers], c[CONTEXT.bilateral], longs(c[CONTEXT.keys], c[CONTEXT.known]),
         floats(c[CONTEXT.values], c[CONTEXT.known]), c[CONTEXT.asked : CONTEXT.asked + 1], memory,
         c[CONTEXT.structure], floats(c[CONTEXT.margins], c[CONTEXT.margin_count]),
-        floats(c[CONTEXT.state], c[CONTEXT.states]), False,
+        floats(c[CONTEXT.state], c[CONTEXT.states]), False, c[CONTEXT.python],
     )  # fmt: skip
-    if c[CONTEXT.status] == UNKNOWN:  # the impulses of the last step have not been overwritten
+    if c[CONTEXT.status] == UNKNOWN or c[CONTEXT.status] == RAISED:
+        # the impulses of the last step have not been overwritten
         go_back(memory, before, impulses_of(before.view(np.int64)))
 
 
@@ -118,7 +121,7 @@ def some_steps(model, data, world, context):
     for step in range(c[WORLDS.steps]):
         report[0] = advance(
             model, data, other, c[WORLDS.table], settings, c[WORLDS.carriers], c[WORLDS.bilateral], keys, values,
-            report[1:2], memory, address_of(structure), margins, state, step == 0,
+            report[1:2], memory, address_of(structure), margins, state, step == 0, 0,
         )  # fmt: skip
         if report[0] != FINE:
             mj.set_state(model, data, address_of(first), STEP_STATE)

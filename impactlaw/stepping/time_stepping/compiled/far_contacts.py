@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import norm, plain
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
@@ -15,7 +16,6 @@ from impactlaw.stepping.compiled.access import (
     velocity_of,
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, floats
-from impactlaw.stepping.compiled.shared import shared
 from impactlaw.stepping.time_stepping.compiled.state.kinds import BOOLEAN, NUMBERS, WORLD
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import surface_speed
 from impactlaw.stepping.time_stepping.problem.detection import far_contacts
@@ -51,7 +51,7 @@ def far_ones_close(w):
     return far_contacts.some_close(contacts, bodies, shape, velocity, w.timestep)
 
 
-@shared(BOOLEAN(WORLD, NUMBERS), counts=False)
+@linked(BOOLEAN(WORLD, NUMBERS), counts=False)
 def take_far_back(w, start):
     """Take contacts back that were left out if forces can close one; return whether rows must be made again.
 

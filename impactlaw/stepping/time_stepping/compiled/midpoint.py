@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 from numba import types
 
+from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import clear, equal, norm, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
@@ -33,7 +34,6 @@ from impactlaw.stepping.compiled.fields import (
     ints,
     put_int,
 )
-from impactlaw.stepping.compiled.shared import shared
 from impactlaw.stepping.time_stepping.compiled.end_of_step import find_nearest, update_frames
 from impactlaw.stepping.time_stepping.compiled.far_contacts import far_ones_close, leave_far_out
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import settle
@@ -208,11 +208,11 @@ def _mend_contacts(w, now):
     return (len(now) > 0 and leave_far_out(w, now)) or mended
 
 
-@shared(BOOLEAN(WORLD, *[NUMBERS] * 4), counts=False)
+@linked(BOOLEAN(WORLD, *[NUMBERS] * 4), counts=False)
 def to_midpoint(w, gained, start, middle, work):
     """Move bodies to the middle of the step, find contacts there, and compute what depends on the velocity.
 
-    Compiled steps look only for limits that joints can reach.
+    Only limits that joints can reach are looked for.
 
     Args:
         w: the world at the start of the step.
@@ -227,8 +227,7 @@ def to_midpoint(w, gained, start, middle, work):
     if w.surfaces != 0:
         begin_surfaces(w)
     _prepare_margins(w, gained, work)
-    if w.pool == 0:
-        narrow_limits(w, gained)
+    narrow_limits(w, gained)
     put(start, velocity_of(w))
     if w.surfaces != 0:
         place_surfaces(w)
@@ -251,7 +250,7 @@ def to_midpoint(w, gained, start, middle, work):
     return full
 
 
-@shared(types.void(WORLD, *[NUMBERS] * 3, MARKS, *[NUMBERS] * 3), counts=False)
+@linked(types.void(WORLD, *[NUMBERS] * 3, MARKS, *[NUMBERS] * 3), counts=False)
 def free_step(w, start, held, bias, turning, gravity, gained, work):
     """Advance velocity, activations and time by MuJoCo's integrator without contact.
 
@@ -275,7 +274,7 @@ def free_step(w, start, held, bias, turning, gravity, gained, work):
         speeds_of_middle(w)
 
 
-@shared(BOOLEAN(WORLD, *[NUMBERS] * 3), counts=False)
+@linked(BOOLEAN(WORLD, *[NUMBERS] * 3), counts=False)
 def detect_limits(w, start, free, middle):
     """Find all limits in addition to the contacts found, with data as it was without contact.
 
@@ -293,7 +292,7 @@ def detect_limits(w, start, free, middle):
     return warnings[2 * _ROWS_FULL + 1] != seen
 
 
-@shared(BOOLEAN(WORLD, *[NUMBERS] * 4), counts=False)
+@linked(BOOLEAN(WORLD, *[NUMBERS] * 4), counts=False)
 def detect_farther(w, start, free, middle, work):
     """Find the contacts that bodies can reach after a collision, with data as it was without contact.
 
@@ -323,7 +322,7 @@ def detect_farther(w, start, free, middle, work):
     return full
 
 
-@shared(BOOLEAN(WORLD, NUMBERS), counts=False)
+@linked(BOOLEAN(WORLD, NUMBERS), counts=False)
 def outrun(w, work):
     """Return whether a collision throws a body farther than contacts were looked for.
 

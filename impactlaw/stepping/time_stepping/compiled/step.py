@@ -1,4 +1,4 @@
-"""One step of `scheme.TimeStepping` in compiled code, based on MuJoCo's C functions; each part is explained there."""
+"""One step of `scheme.TimeStepping`, based on MuJoCo's C functions."""
 
 from __future__ import annotations
 
@@ -39,6 +39,7 @@ from impactlaw.stepping.compiled.fields import (
     int_at,
     keep,
     long_at,
+    longs,
     put_int,
 )
 from impactlaw.stepping.integration import STEP_STATE
@@ -57,6 +58,7 @@ from impactlaw.stepping.time_stepping.compiled.midpoint import (
     to_midpoint,
 )
 from impactlaw.stepping.time_stepping.compiled.model_copy import copy_model, is_damped
+from impactlaw.stepping.time_stepping.compiled.state.calls import CONTROL, ERROR, HOOK, hooked, notify
 from impactlaw.stepping.time_stepping.compiled.state.law import LawTable
 from impactlaw.stepping.time_stepping.compiled.state.memory import (
     FRAME,
@@ -74,6 +76,7 @@ from impactlaw.stepping.time_stepping.compiled.state.status import (
     FINE,
     HUGE_INPUT,
     OVERRIDDEN,
+    RAISED,
     TIMESTEP,
     UNSEEN,
 )
@@ -167,6 +170,11 @@ def _step(w, law, memory, margins, cone, loaded):
     work = numbers(max(11 * size(w, MODEL.nbody) + len(margins), 6 * size(w, MODEL.nbody) + nv, 3 * nv))
     begin(w, counts, left, frames, gained, held, loaded)
     full = to_midpoint(w, gained, start, middle, work)
+    if w.python != 0:
+        hook = longs(w.python, len(HOOK))
+        hook[HOOK.middle], hook[HOOK.damped] = address_of(middle), w.damped
+        if hooked(w, HOOK.controls) and notify(w, CONTROL) == ERROR:
+            return RAISED
     free_step(w, start, held, bias, turning, gravity, gained, work)
     free, status, collided, missed, farther, allowed = copied(velocity_of(w)), FARTHER, False, 0.0, 0, 1.0
     narrow = True
@@ -212,11 +220,11 @@ def _step(w, law, memory, margins, cone, loaded):
 
 @linked(
     "int64(int64,int64,int64,int64,int64,int64,int64,int64[::1],float64[::1],int64[::1],float64[::1],int64,float64[::1],"
-    "float64[::1],boolean)"
+    "float64[::1],boolean,int64)"
 )
 def advance(
     user, data, scratch, table, settings, carriers, bilateral, keys, values, asked, memory, model, margins, state,
-    loaded,
+    loaded, python,
 ):  # fmt: skip
     """Take one step and return how it has ended; if that is not `status.FINE`, data is restored.
 
@@ -232,12 +240,16 @@ def advance(
         values: restitution of these contacts.
         asked: key of a contact that is not known, (1,), written.
         memory: memory of the world, see `memory.Memory`.
-        model: address of room for a copy of the model's structure.
+        model: address of room for a copy of the model's structure; or of the model, if it has the options of the step.
         margins: room for its margins, `model_copy.room`.
         state: room for the state; at the end it holds the state from the start of the step.
         loaded: whether only the state of data is current.
+        python: see `world.World`.
     """
-    cone = copy_model(user, model, margins, table, float_at(settings + 8 * SETTING.sticks) != 0.0)
+    if model == user:
+        cone = np.int32(longs(python, len(HOOK))[HOOK.cone])
+    else:
+        cone = copy_model(user, model, margins, table, float_at(settings + 8 * SETTING.sticks) != 0.0)
     h = float_at(model + long_at(table + 8 * MODEL.opt_timestep))
     if not 0.0 < h < np.inf:
         return TIMESTEP
@@ -256,7 +268,9 @@ def advance(
         surfaces = address_of(memory) + 8 * begin
     work = address_of(memory) + 8 * MEMORY.work
     sizes, damped = numbers(nbody + nmocap), is_damped(model, table)
-    w = World(model, data, scratch, table, settings, address_of(sizes), bilateral, nv, h, damped, surfaces, work, 0)
+    w = World(
+        model, data, scratch, table, settings, address_of(sizes), bilateral, nv, h, damped, surfaces, work, python
+    )
     find_sizes(w, sizes, carriers)
     memory.view(np.int64)[MEMORY.found_rows] = 0
     memory[MEMORY.work] = 1.0

@@ -61,19 +61,13 @@ class Rows(NamedTuple):
     # are none
     rates: np.ndarray
 
-    def known(self, impulse: np.ndarray) -> Known:
-        """Return these rows with their impulses, (n,), as an initial guess for later problems."""
-        return Known(self.groups, self.key, self.scale, impulse, self.rates[5:])
-
     first = property(lambda self: self.groups[0], doc="First row of each group, int32 (g,).")
     size = property(lambda self: self.groups[1], doc="Number of rows of each group, int32 (g,).")
-    kind = property(lambda self: self.groups[2], doc="Kind of each group, int32 (g,).")
     source = property(lambda self: self.groups[3], doc="Source of each group, int32 (g,).")
     gap = property(lambda self: self.amounts[0], doc="Gap of each group, m or rad, (g,).")
     row = property(lambda self: self.sparse[2], doc="MuJoCo's row for each row, int32 (n,).")
     scale = property(lambda self: self.rates[0], doc="Coefficient of friction of friction rows, else 1, (n,).")
     before = property(lambda self: self.rates[1], doc="``J v``, (n,).")
-    free = property(lambda self: self.rates[2], doc="``J v_free``, (n,).")
     compliance = property(lambda self: self.rates[4], doc="R of soft equalities, else 0, (n,).")
 
 

@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 
 from impactlaw import Batch, Moreau, Newton, Stepper
-from impactlaw.stepping.time_stepping.contact_impulses import ContactProblem
+from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, raw
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import TOLERANCE
-from impactlaw.stepping.time_stepping.problem.solution.resolve import resolve_step
 
 DRIVERS = pytest.mark.parametrize("compiled", ["auto", "never"])
 
@@ -22,6 +21,13 @@ def line(gaps, option='gravity="0 0 0"'):
     return mujoco.MjModel.from_xml_string(
         f'<mujoco><option timestep=".002" {option}/><worldbody>{balls}</worldbody></mujoco>'
     )
+
+
+def watched(model, law, look):
+    """Return a stepper that passes its contact problems to a function, and the memory of its steps."""
+    stepper = Stepper(model, law, scheme="time-stepping")
+    stepper.stepping.watch(look)
+    return stepper, stepper.stepping.numbers
 
 
 def box(count, rng):
@@ -205,23 +211,17 @@ def test_a_third_collision_of_a_step_that_the_second_one_leads_to(compiled, inad
 
 
 @pytest.mark.parametrize(("left", "apart"), [(0.6, True), (0.4, False)])
-def test_collisions_are_one_after_another_if_more_than_half_of_the_work_is_left(left, apart, monkeypatch):
+def test_collisions_are_one_after_another_if_more_than_half_of_the_work_is_left(left, apart):
     """They take several times the work of the first solve: a step that has spent much already would take too long."""
-    find, tried = ContactProblem.find, []
 
-    def spend(self, step, *arguments, phases):
-        found = find(self, step, *arguments, phases=phases)
-        step.left[0] = min(step.left[0], left)
-        tried.append(phases)
-        return found
+    def spend(problem: object) -> None:
+        numbers[MEMORY.work] = min(numbers[MEMORY.work], left)
 
-    monkeypatch.setattr(ContactProblem, "find", spend)
     model = line([2e-5, 2e-5])
     data = mujoco.MjData(model)
     data.qvel[:] = 0.5, -0.5, -0.5  # no ball is thrown beyond the margin of detection
-    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled="never")
+    stepper, numbers = watched(model, Moreau(0.5), spend)
     stepper.step(data)
-    assert any(tried) == apart
     assert (len(stepper.events), stepper.short_steps) == ((3, 0) if apart else (1, 1))
 
 
@@ -238,7 +238,7 @@ def test_looking_farther_leaves_work_for_the_collisions_of_a_row(compiled):
 
 
 @pytest.mark.parametrize("seed", [3, 6])
-def test_contacts_of_a_face_are_left_out_together(seed, monkeypatch):
+def test_contacts_of_a_face_are_left_out_together(seed):
     """If they were left out one by one, each would hold the box as the previous one did."""
     turn = np.array([1.0, *(2e-3 * np.random.default_rng(seed).normal(size=3))])
     model = mujoco.MjModel.from_xml_string(
@@ -250,32 +250,24 @@ def test_contacts_of_a_face_are_left_out_together(seed, monkeypatch):
     data = mujoco.MjData(model)
     data.qpos[17:21] = turn / np.linalg.norm(turn)
     data.qvel[0] = 1.0
-    stepper, sizes, solve = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled="never"), [], resolve_step
-    monkeypatch.setattr(
-        "impactlaw.stepping.time_stepping.contact_impulses.resolve_step",
-        lambda rows, *problem: (sizes.append(len(rows.key)), solve(rows, *problem))[1],
-    )
+    sizes = []
+    stepper, _ = watched(model, Moreau(0.5), lambda problem: sizes.append(len(problem.rows.key)))
     stepper.step(data)
     assert len(stepper.events) == 2
     assert max(sizes) > 3
     assert not [one for one in zip(sizes, sizes[1:], sizes[2:], strict=False) if one[0] > one[1] > one[2]], sizes
 
 
-def test_after_collisions_one_after_another_no_turn_is_known(monkeypatch):
+def test_after_collisions_one_after_another_no_turn_is_known():
     """The last collision has only some of the contacts; the step does not end with the targets of the first one."""
-    find, known = ContactProblem.find, []
-
-    def spy(self, step, rows, *arguments, phases):
-        found = find(self, step, rows, *arguments, phases=phases)
-        known.append((phases, len(rows.key), found.answer.reached))
-        return found
-
-    monkeypatch.setattr(ContactProblem, "find", spy)
-    model = line([0.001, 0.0015])
+    model, sizes = line([0.001, 0.0015]), []
     data = mujoco.MjData(model)
     data.qvel[0] = 1.0
-    Stepper(model, Moreau(1.0), scheme="time-stepping", compiled="never").step(data)
-    phases, groups, reached = known[-1]
-    assert phases
-    assert len(reached) == groups == 2
-    assert np.isnan(reached).all()
+    stepper, numbers = watched(model, Moreau(1.0), lambda problem: sizes.append(len(problem.rows.key)))
+    stepper.step(data)
+    assert {1, 2} <= set(sizes)
+    groups, n = numbers.view(np.int64)[MEMORY.groups : MEMORY.rows + 1]
+    assert groups == 2
+    _, impulses, turns = np.split(np.frombuffer(raw(numbers)[8 * groups :][: 32 * n]), [n, 2 * n])
+    assert np.count_nonzero(impulses) == 2
+    assert np.isnan(turns).all()

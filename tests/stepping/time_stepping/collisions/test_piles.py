@@ -1,13 +1,10 @@
 """Piles of bodies: friction without a unique solution, and contacts that change in each step."""
 
-import copy
-
 import mujoco
 import numpy as np
 import pytest
 
 from impactlaw import Moreau, Stepper
-from impactlaw.stepping.time_stepping.contact_impulses import ContactProblem
 
 _HALF, _SPACING = (0.004, 0.012, 0.024), 0.022
 
@@ -39,34 +36,6 @@ def test_dominoes_that_lean_on_each_other_meet_the_law(push):
     assert data.qpos[2::7].max() < 0.6 * _HALF[2]  # all have fallen
     assert np.mean(np.array(missed) < 1e-6) > 0.99
     assert max(missed) < 5e-3
-
-
-def test_compiled_steps_spend_their_work_as_those_in_python(monkeypatch):
-    """If the first solves take half of the work, collisions are not resolved in sequence, whatever is lost."""
-    model, data = _dominoes(24, 3.9)
-    stepper, alike, looks = Stepper(model, Moreau(0.5), scheme="time-stepping"), [], []
-    find = ContactProblem.find
-
-    def spy(self, *arguments, phases):
-        found, left = find(self, *arguments, phases=phases), arguments[0].left[0]
-        looks.append((phases, left, found.later))
-        return found
-
-    monkeypatch.setattr(ContactProblem, "find", spy)
-    for step in range(450):
-        if step > 330 and step % 4 == 0:
-            ends = []
-            for compiled in ("auto", "never"):
-                looks.clear()
-                ends.append(copy.copy(data))
-                Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled).step(ends[-1])
-            if looks:
-                phases, left, loses = looks[-1]
-                if loses and not phases and left <= 0.5:
-                    alike.append(np.abs(ends[0].qvel - ends[1].qvel).max())
-        stepper.step(data)
-    assert len(alike) >= 3
-    assert max(alike) < 1e-9
 
 
 def _cylinders(seed: int, count: int = 8) -> tuple[mujoco.MjModel, mujoco.MjData]:

@@ -71,7 +71,7 @@ def _step_alike(
         begin_alike(ours, python, one, other)
         ours.step(one)
         python.step(other)
-        assert difference(one, other, forces=False) < 1e-10  # with sticking contacts, rounding decides the forces
+        assert difference(one, other) < 1e-10
         assert np.array_equal(one.mocap_pos, other.mocap_pos)
         assert np.array_equal(one.mocap_quat, other.mocap_quat)
         assert len(ours.events) == len(python.events)

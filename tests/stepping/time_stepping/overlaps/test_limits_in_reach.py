@@ -1,4 +1,4 @@
-"""Compiled steps compute only limits within reach; a limit that a collision throws a link at is not passed."""
+"""Steps compute only limits of joints within reach; a limit that a collision throws a link at is not passed."""
 
 import mujoco
 import numpy as np
@@ -7,24 +7,32 @@ import pytest
 from impactlaw import Batch, Moreau, Stepper
 
 _SCENE = """<mujoco><compiler angle="radian"/><option timestep="0.01" gravity="0 0 0"/><worldbody>
-  <body><joint name="paddle" type="hinge" axis="0 1 0" range="-0.004 0.004" limited="true"/>
+  <body><joint name="paddle" type="hinge" axis="0 1 0" limited="true" range="-0.004 0.004"/>
     <geom type="capsule" fromto="0 0 0 0 0 -1" size=".02" mass="0.01"/></body>
   <body pos="-0.13 0 -0.9"><joint type="slide" axis="1 0 0"/><geom size=".1" mass="10"/></body></worldbody></mujoco>"""
 
 
-def _struck() -> tuple[mujoco.MjModel, mujoco.MjData]:
+def _struck(scene: str = _SCENE) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """Return a light paddle at rest that a heavy ball is about to strike and throw against its limit at once."""
-    model = mujoco.MjModel.from_xml_string(_SCENE)
+    model = mujoco.MjModel.from_xml_string(scene)
     data = mujoco.MjData(model)
     data.qvel[1] = 2.0
     return model, data
 
 
+def on_a_tendon(scene: str, joint: str, limits: str) -> str:
+    """Return a scene with the limits of a joint on a tendon of the same length: those are never left out."""
+    limit = f'limited="true" range="{limits}"'
+    assert scene.count(limit) == 1
+    fixed = f'<tendon><fixed {limit}><joint joint="{joint}" coef="1"/></fixed></tendon>'
+    return scene.replace(limit, 'limited="false"').replace("</worldbody>", f"</worldbody>{fixed}")
+
+
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
-def test_compiled_steps_and_those_in_python_agree_when_a_limit_was_left_out(restitution):
+def test_a_limit_that_was_left_out_acts_as_if_it_had_not_been(restitution):
     model, one = _struck()
-    _, other = _struck()
-    fast, plain = (Stepper(model, Moreau(restitution), scheme="time-stepping", compiled=c) for c in ("auto", "never"))
+    alike, other = _struck(on_a_tendon(_SCENE, "paddle", "-0.004 0.004"))
+    fast, plain = (Stepper(scene, Moreau(restitution), scheme="time-stepping") for scene in (model, alike))
     for _ in range(20):
         fast.step(one)
         plain.step(other)
@@ -50,15 +58,14 @@ _PUSHED = """<mujoco><option timestep="0.005" gravity="0 0 0"/><worldbody>
 
 def test_what_opens_an_overlap_does_not_pass_a_limit_that_was_left_out():
     model = mujoco.MjModel.from_xml_string(_PUSHED)
-    for how in ("auto", "never"):
-        stepper = Stepper(model, Moreau(0.0), scheme="time-stepping", compiled=how)
-        data, opened = mujoco.MjData(model), []
-        for k in range(14):
-            data.mocap_pos[0, 2] = -0.03 + 1e-5 * k
-            stepper.step(data)
-            opened.append(data.qpos[0])
-        assert max(opened) <= 0.0103
-        assert opened[-1] > 0.0102
+    stepper = Stepper(model, Moreau(0.0), scheme="time-stepping")
+    data, opened = mujoco.MjData(model), []
+    for k in range(14):
+        data.mocap_pos[0, 2] = -0.03 + 1e-5 * k
+        stepper.step(data)
+        opened.append(data.qpos[0])
+    assert max(opened) <= 0.0103
+    assert opened[-1] > 0.0102
 
 
 _LINKAGE = """<mujoco><option timestep="0.002" gravity="0 0 0"/><default><geom contype="0" conaffinity="0"/></default>
@@ -69,15 +76,37 @@ _LINKAGE = """<mujoco><option timestep="0.002" gravity="0 0 0"/><default><geom c
   <actuator><motor joint="push"/></actuator></mujoco>"""
 
 
-@pytest.mark.parametrize("force", [0.0, 2e4])
-def test_linkage_turns_on_where_another_joint_is_driven_past_a_limit_that_was_left_out(force):
+def test_linkage_turns_on_where_another_joint_is_driven_past_a_limit_that_was_left_out():
     """The slide does not influence the linkage, but its limit is found only in the middle of the step."""
     model = mujoco.MjModel.from_xml_string(_LINKAGE)
     ends = []
-    for how, pushed in (("auto", force), ("never", 0.0)):
+    for force in (2e4, 0.0):
         data = mujoco.MjData(model)
         data.qvel[1:] = 20.0, -40.0
-        data.ctrl[:] = pushed
-        Stepper(model, Moreau(0.0), scheme="time-stepping", compiled=how).step(data)
+        data.ctrl[:] = force
+        Stepper(model, Moreau(0.0), scheme="time-stepping").step(data)
         ends.append(data.qvel[1:].copy())
     np.testing.assert_allclose(*ends, rtol=1e-10)
+
+
+def test_a_limit_counts_though_the_opening_of_an_overlap_leads_away_from_it():
+    """Regression: the hinge did not collide where ball joints beyond their limits moved it back within the step."""
+    scene = """<mujoco><compiler angle="radian"/><option timestep="0.002"/><worldbody>
+        <body><freejoint/><geom size=".08" mass="5"/>
+        <body pos="0 .1 0"><joint type="ball" limited="true" range="0 .014"/>
+        <geom size=".02" pos="0 -.07 -.05" mass=".3"/>
+        <body pos="0 .1 -.05"><joint type="ball" limited="true" range="0 .014"/>
+        <geom type="capsule" size=".03" fromto="0 0 0 0 .17 -.06" mass=".02"/>
+        <body pos="0 0 .1"><joint name="hinge" axis="1 0 -1" limited="true" range="-.014 .014"/>
+        <geom type="capsule" size=".02" fromto="0 0 0 .14 -.14 0" mass=".04"/></body></body></body></body>
+        </worldbody></mujoco>"""
+    ends = []
+    for xml in (scene, on_a_tendon(scene, "hinge", "-.014 .014")):
+        model = mujoco.MjModel.from_xml_string(xml)
+        data = mujoco.MjData(model)
+        data.qvel[:] = 3.0 * np.random.default_rng(38).normal(size=model.nv)
+        stepper = Stepper(model, Moreau(0.8), scheme="time-stepping")
+        for _ in range(8):
+            stepper.step(data)
+        ends.append(data.qvel.copy())
+    np.testing.assert_allclose(*ends, rtol=0.0, atol=1e-9)

@@ -1,4 +1,4 @@
-"""The targets of the contacts of one phase in compiled code, and the answer of `resolve_step`."""
+"""The targets of the contacts of one phase, and the answer of `resolve`."""
 
 from __future__ import annotations
 
@@ -10,23 +10,31 @@ from impactlaw.solvers.cones import BILATERAL
 from impactlaw.solvers.cones.algebra.loops import counts, kernel, plain
 from impactlaw.stepping.compiled.access import data_ints, model_ints, number, size
 from impactlaw.stepping.compiled.fields import DATA, MODEL, flags, floats
+from impactlaw.stepping.time_stepping.compiled.state.calls import (
+    ASK,
+    ERROR,
+    HOOK,
+    LOST,
+    TOGETHER,
+    WATCH,
+    hooked,
+    tell,
+)
 from impactlaw.stepping.time_stepping.compiled.state.kinds import typeof
-from impactlaw.stepping.time_stepping.compiled.state.law import ask_law, reverse
-from impactlaw.stepping.time_stepping.compiled.state.status import CREATES, FINE, NOT_FINITE
+from impactlaw.stepping.time_stepping.compiled.state.law import add_reached, ask_law, reverse
+from impactlaw.stepping.time_stepping.compiled.state.status import CREATES, FINE, NOT_FINITE, RAISED
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.problem.drifting_equalities import hold_constraints
 from impactlaw.stepping.time_stepping.problem.gradient_turns import write_sliding
 from impactlaw.stepping.time_stepping.problem.phases import find_later
-from impactlaw.stepping.time_stepping.problem.solution.contact_problem import Aims, Method
+from impactlaw.stepping.time_stepping.problem.solution.contact_problem import Aims, Method, guess
 from impactlaw.stepping.time_stepping.problem.solution.resolve import resolve
 from impactlaw.stepping.time_stepping.problem.targets import aim, close_gaps
 from impactlaw.stepping.time_stepping.tolerances import RESOLVED
 
-_APART = np.bool_(False)  # laws in compiled code couple only contacts that influence each other
-
 
 class Solved(NamedTuple):
-    """Properties of a solution; see `resolve.resolve_step`."""
+    """Properties of a solution; see `resolve.resolve`."""
 
     collided: bool  # whether any contact collides
     opens: bool  # whether there are overlaps to open
@@ -38,9 +46,11 @@ class Solved(NamedTuple):
     rounding: float  # part of the work that is rounding, J
     status: int  # see `status`
     residual: float  # residual of the natural map, including friction, relative to the largest velocity
+    lost: bool  # whether a law that is asked in Python has found no impulses
 
 
-NO_ANSWER = Solved(False, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, FINE, 0.0)
+NO_ANSWER = Solved(False, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, FINE, 0.0, False)
+STOPPED = NO_ANSWER._replace(status=RAISED)
 SOLVED = typeof(NO_ANSWER)
 
 
@@ -60,55 +70,68 @@ def _stiffen(w, rows, tree, collides, bound):
 
 
 @plain
-def _collide(w, rows, tree, law, answer):
-    """Set the law's targets, keep closed contacts closed, and make equality constraints keep their velocity.
+def _collide(w, rows, tree, law, before, answer):
+    """Make equality constraints keep their velocity, set the law's targets, and keep closed contacts closed.
 
-    Return `status.FINE`, or what has gone wrong.
+    Return `status.FINE`, or what has gone wrong, and the reply of a law that is asked in Python.
     """
-    status, reversal = FINE, setting(w, SETTING.reversal)
-    if not np.isnan(reversal):
-        reverse(reversal, rows, tree, answer.collides, answer.target)
+    status, reply, reversal, asks = FINE, 0, setting(w, SETTING.reversal), setting(w, SETTING.asks)
+    if asks > 1.0 or not np.isnan(reversal):
+        add_reached(rows, tree, answer.collides)
+    _stiffen(w, rows, tree, answer.collides, answer.bound)
+    if asks > 0.0:
+        reply = tell(w, ASK, rows, answer, before, before, 1.0, 0)
+        if reply == ERROR:
+            return RAISED, 0
+    elif not np.isnan(reversal):
+        reverse(reversal, rows, w.nv, answer.collides, answer.target)
     elif np.isnan(setting(w, SETTING.restitution)):
         status = ask_law(law, rows, answer.collides, answer.target)
     close_gaps(rows, tree, answer.collides, answer.target)
-    _stiffen(w, rows, tree, answer.collides, answer.bound)
-    return status
+    return status, reply
 
 
 @plain
-def solve(w, rows, metric, known, rounds, law, answer, scaled):
+def solve(w, rows, metric, before, known, rounds, law, answer, scaled):
     """Solve the problem of these rows; groups may collide according to the answer, whose other fields are written.
 
-    If restitution is to be `scaled`, it creates no energy, or the status is an error.
+    If restitution is to be `scaled`, it creates no energy, or the status is an error. ``before``, (nv,), is the
+    velocity before a collision.
     """
     tree, e = model_ints(w, MODEL.dof_treeid, w.nv), setting(w, SETTING.restitution)
-    status, sliding = FINE, 0.0
+    status, reply = FINE, 0
     resolved = RESOLVED * setting(w, SETTING.meter)
     collided = aim(
         rows.groups, rows.key, rows.amounts, rows.rates, w.timestep, 0.0 if np.isnan(e) else e,
         setting(w, SETTING.rest_speed), resolved, answer.may, answer.target, answer.collides,
     )  # fmt: skip
     answer.bound[:] = False
-    if collided:
-        status, sliding = _collide(w, rows, tree, law, answer), setting(w, SETTING.sliding)
-    if status != FINE:
-        return Solved(collided, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, status, 0.0)
+    sliding = setting(w, SETTING.sliding) if collided else 0.0
     for r in range(len(answer.sliding)):
         answer.sliding[r] = -sliding * rows.rates[1, r] if sliding != 0.0 else 0.0
-    if not collided:
+    if collided:
+        status, reply = _collide(w, rows, tree, law, before, answer)
+    else:
         write_sliding(rows.groups, rows.rates, resolved, answer.sliding)
+    if status != FINE:
+        return Solved(collided, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, status, 0.0, False)
+    if hooked(w, HOOK.watches):
+        guess(rows, known[:4], answer.x)
+        if tell(w, WATCH, rows, answer, before, before, 1.0, rounds) == ERROR:
+            return STOPPED
     aims = Aims(answer.target, answer.sliding, answer.collides)
     project = scaled and setting(w, SETTING.dissipative) > 0.0
     method = Method(tree, setting(w, SETTING.exact) != 0.0, rounds, floats(w.work, 1))
     opens, missed, fastest, share, created, work, rounding, residual = resolve(
-        rows, aims, answer.bound, known[:4], w.timestep, project, _APART, method, metric,
+        rows, aims, answer.bound, known[:4], w.timestep, project, reply & TOGETHER != 0, method, metric,
         answer.x, answer.change, answer.shift, answer.reached, answer.z,
     )  # fmt: skip
     if not np.isfinite(missed):
         status = NOT_FINITE
     elif scaled and created > 0.0 and setting(w, SETTING.dissipative) < 0.0:
         status = CREATES
-    return Solved(collided, opens, missed, fastest, share, created, work, rounding, status, residual)
+    lost = reply & LOST != 0
+    return Solved(collided, opens, missed, fastest, share, created, work, rounding, status, residual, lost)
 
 
 @plain
@@ -128,5 +151,8 @@ def scalable(w, solved):
 
 @plain
 def lost(w, solved):
-    """Return whether restitution is given up: bodies jam, or no work was left to find what creates no energy."""
-    return solved.share == 0.0 or solved.created > 0.0 >= floats(w.work, 1)[0]
+    """Return whether restitution is given up.
+
+    It is if bodies jam, no work was left to find what creates no energy, or the law has found no impulses.
+    """
+    return solved.share == 0.0 or solved.created > 0.0 >= floats(w.work, 1)[0] or solved.lost

@@ -1,4 +1,4 @@
-"""The contact problem of a step in compiled code: the rows that are near, and their impulses."""
+"""The contact problem of a step: the rows that are near, and their impulses."""
 
 from __future__ import annotations
 
@@ -8,9 +8,18 @@ from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import clear, once, plain
 from impactlaw.stepping.compiled.access import data_floats, number, velocity_of
 from impactlaw.stepping.compiled.fields import DATA
-from impactlaw.stepping.time_stepping.compiled.impulses.answer import NO_ANSWER, Solved, goes_on, lost, scalable, solve
+from impactlaw.stepping.time_stepping.compiled.impulses.answer import (
+    NO_ANSWER,
+    STOPPED,
+    Solved,
+    goes_on,
+    lost,
+    scalable,
+    solve,
+)
 from impactlaw.stepping.time_stepping.compiled.impulses.phases import resolve_in_phases
 from impactlaw.stepping.time_stepping.compiled.impulses.rows import count, read
+from impactlaw.stepping.time_stepping.compiled.state.calls import BEGIN, ERROR, HOOK, KEEP, hooked, notify, tell
 from impactlaw.stepping.time_stepping.compiled.state.kinds import (
     BOOLEAN,
     INTEGER,
@@ -39,8 +48,8 @@ class Outcome(NamedTuple):
     rows: int  # number of their rows
     solved: Solved  # properties of the solution
     # whether restitution is lost: contacts that are hit only through others were not given a phase of their own, bodies
-    # jam, no work was left to find how much restitution creates no energy, or contacts are left out that the resulting
-    # velocity would close
+    # jam, the law found no impulses, no work was left to find how much restitution creates no energy, or contacts are
+    # left out that the resulting velocity would close
     later: bool
 
 
@@ -48,10 +57,10 @@ class Outcome(NamedTuple):
 def _resolve(w, rows, metric, start, free, known, rounds, law, answer, sums):
     """Find the impulses of all contacts at once; the result is like that of `resolve_in_phases`."""
     answer.may[:] = True
-    solved = solve(w, rows, metric, known, rounds, law, answer, False)
+    solved = solve(w, rows, metric, start, known, rounds, law, answer, False)
     cut = solved.status == FINE and goes_on(w, rows, solved, answer)
     if scalable(w, solved):
-        solved = solve(w, rows, metric, known, rounds, law, answer, True)
+        solved = solve(w, rows, metric, start, known, rounds, law, answer, True)
     if solved.status != FINE:
         return solved, False
     cut = cut or lost(w, solved)
@@ -59,6 +68,8 @@ def _resolve(w, rows, metric, start, free, known, rounds, law, answer, sums):
         clear(sums)
         if solved.collided:
             add_collision(w, rows, answer, solved.share, metric, start, sums)
+    if solved.collided and hooked(w, HOOK.keeps) and tell(w, KEEP, rows, answer, start, free, solved.share, 0) == ERROR:
+        return STOPPED, False
     velocity = velocity_of(w)
     for i in range(w.nv):
         velocity[i] = free[i] + answer.change[i]
@@ -90,6 +101,8 @@ def attempt(w, jacobian, chosen, start, moved, free, known, rounds, law, phases,
         sums: sums over the collisions, see `sums`, written if they are asked for.
     """
     frictional = setting(w, SETTING.frictional) != 0.0
+    if hooked(w, HOOK.keeps):
+        notify(w, BEGIN)
     groups, many = count(w, chosen, frictional)
     if many == 0:
         return Outcome(groups, many, NO_ANSWER, False)

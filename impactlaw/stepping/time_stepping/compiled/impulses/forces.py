@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 from numba import types
 
+from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import clear, kernel, norm, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import data_floats, model_ints, size, velocity_of
 from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of
-from impactlaw.stepping.compiled.shared import shared
 from impactlaw.stepping.compiled.whitening import apply_inverse
 from impactlaw.stepping.time_stepping.compiled.state.kinds import BOOLEAN, MARKS, NUMBERS, WORLD
 from impactlaw.stepping.time_stepping.compiled.state.world import metric_of
@@ -64,7 +64,7 @@ def kick(w, velocity, h, force):
         force[i] = velocity[i] + h * force[i]
 
 
-@shared(BOOLEAN(WORLD, NUMBERS, NUMBERS, types.float64, MARKS, *[NUMBERS] * 3), counts=False)
+@linked(BOOLEAN(WORLD, NUMBERS, NUMBERS, types.float64, MARKS, *[NUMBERS] * 3), counts=False)
 def half(w, velocity, gravity, h, turning, mean, before, force):
     """Write the forces in half a step that ends at a velocity, or begins there if h < 0, without gravity.
 

@@ -1,4 +1,4 @@
-"""Collisions one after another within a step, in compiled code; see `problem.phases`."""
+"""Collisions one after another within a step; see `problem.phases`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,16 @@ from impactlaw.solvers.cones.algebra.loops import any_of, clear, copied, numbers
 from impactlaw.stepping.compiled.access import model_ints, velocity_of
 from impactlaw.stepping.compiled.fields import MODEL, address_of, floats, keep
 from impactlaw.stepping.compiled.whitening import INERTIA
-from impactlaw.stepping.time_stepping.compiled.impulses.answer import SOLVED, Solved, goes_on, lost, scalable, solve
+from impactlaw.stepping.time_stepping.compiled.impulses.answer import (
+    SOLVED,
+    STOPPED,
+    Solved,
+    goes_on,
+    lost,
+    scalable,
+    solve,
+)
+from impactlaw.stepping.time_stepping.compiled.state.calls import ERROR, HOOK, KEEP, hooked, tell
 from impactlaw.stepping.time_stepping.compiled.state.kinds import ANSWER, BOOLEAN, INTEGER, LAW, NUMBERS, WORLD
 from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, answer_size
 from impactlaw.stepping.time_stepping.compiled.state.status import FINE
@@ -24,23 +33,24 @@ from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, PHASES
 
 
 @once
-def _meet(w, rows, metric, before, known, rounds, law, may, more, block, sums):
+def _meet(w, rows, metric, before, velocity, known, rounds, law, may, more, block, sums):
     """Solve one phase, and solve it again without the contacts that are hit only through others.
 
     Return the properties of the solution, the answer, the index of each of its rows, (n,), the groups that are left
     out, bool (g,), and whether some contacts that are hit only through others were not left out.
 
-    `more` says whether contacts may be left out.
+    ``before`` and ``velocity``, (nv,), are the velocity before the collision, and the one that it changes; `more` says
+    whether contacts may be left out.
     """
     later, place, part, allowed = np.zeros(len(may), np.bool_), np.arange(len(rows.rates[0])), rows, may
     while True:
         answer = answer_at(address_of(block), len(part.key), len(part.rates[0]), w.nv)
         put(answer.may, allowed)
-        solved = solve(w, part, metric, known, rounds, law, answer, False)
+        solved = solve(w, part, metric, before, known, rounds, law, answer, False)
         waiting = solved.status == FINE and goes_on(w, part, solved, answer)
         if not more or floats(w.work, 1)[0] <= RESERVE or not waiting or not is_met(solved.missed, solved.fastest):
             if scalable(w, solved):
-                solved = solve(w, part, metric, known, rounds, law, answer, True)
+                solved = solve(w, part, metric, before, known, rounds, law, answer, True)
             break
         k = 0
         for g in range(len(later)):
@@ -52,12 +62,21 @@ def _meet(w, rows, metric, before, known, rounds, law, may, more, block, sums):
         allowed = may[kept]
     if solved.status == FINE and solved.collided and setting(w, SETTING.sums) != 0.0:
         add_collision(w, part, answer, solved.share, metric, before, sums)
+    if solved.status == FINE and solved.collided and hooked(w, HOOK.keeps):
+        if tell(w, KEEP, part, answer, before, velocity, solved.share, 0) == ERROR:
+            solved = STOPPED
     return solved, answer, place, later, waiting
 
 
 @linked(types.Tuple((SOLVED, BOOLEAN))(WORLD, ROWS, INERTIA, NUMBERS, NUMBERS, KNOWN, INTEGER, LAW, ANSWER, NUMBERS))
 def resolve_in_phases(w, rows, metric, start, free, known, rounds, law, whole, sums):
-    """Find the impulses, phase by phase; see `contact_impulses.ContactProblem.find`.
+    """Find the impulses, phase by phase.
+
+    Contacts that are hit only through others, across an open gap, are left out first, and collide starting from the
+    velocity after the collision of the others. There are at most `PHASES` phases, as long as more work than `RESERVE`
+    is left, and no phase follows one whose problem was not solved. In the last phase such a contact is merely kept from
+    penetrating. Restitution is scaled so that it creates no energy only when no contact is left out any more: the
+    reserved work is for that.
 
     Impulses and the velocity that opens overlaps are written to the answer, and the velocity after the step to data.
     Return the properties of the solution, and whether contacts that are hit only through others were not given a phase
@@ -72,13 +91,13 @@ def resolve_in_phases(w, rows, metric, start, free, known, rounds, law, whole, s
     clear(sums)
     for phase in range(PHASES):
         solved, met, where, later, waiting = _meet(
-            w, now, metric, before, known, rounds if phase == 0 else FEW_ROUNDS, law, may,
+            w, now, metric, before, velocity, known, rounds if phase == 0 else FEW_ROUNDS, law, may,
             more and phase < PHASES - 1, block, sums,
         )  # fmt: skip
         more, cut = more and is_met(solved.missed, solved.fastest), cut or waiting or lost(w, solved)
         collided, created, opens = collided or solved.collided, created + solved.created, solved.opens
         if solved.status != FINE:
-            return Solved(collided, False, 0.0, 0.0, 1.0, created, 0.0, 0.0, solved.status, 0.0), cut
+            return Solved(collided, False, 0.0, 0.0, 1.0, created, 0.0, 0.0, solved.status, 0.0, False), cut
         for r in range(len(where)):
             x[place[where[r]]] += met.x[r]
         for i in range(w.nv):
@@ -100,4 +119,4 @@ def resolve_in_phases(w, rows, metric, start, free, known, rounds, law, whole, s
     whole.reached[:] = np.nan
     keep(block)
     put(velocity_of(w), velocity)
-    return Solved(collided, opens, missed, fastest, share, created, work, rounding, FINE, residual), cut
+    return Solved(collided, opens, missed, fastest, share, created, work, rounding, FINE, residual, False), cut

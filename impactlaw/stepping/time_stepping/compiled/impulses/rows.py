@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
 from numba import types
 
-from impactlaw.solvers.cones.algebra.loops import cleared, kernel, numbers, plain
+from impactlaw.linked import linked
+from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.stepping.compiled.access import (
     contact_floats,
     contact_ints,
@@ -13,12 +13,10 @@ from impactlaw.stepping.compiled.access import (
     data_ints,
     layout_of_trees,
     number,
-    size,
     velocity_of,
 )
-from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL
+from impactlaw.stepping.compiled.fields import CONTACT, DATA
 from impactlaw.stepping.compiled.left_out.tied_contacts import leave_tied_out
-from impactlaw.stepping.compiled.shared import shared
 from impactlaw.stepping.time_stepping.compiled.impulses.passed_edges import (
     contacts_at,
     doubt_fast,
@@ -26,16 +24,14 @@ from impactlaw.stepping.time_stepping.compiled.impulses.passed_edges import (
     look_ahead,
 )
 from impactlaw.stepping.time_stepping.compiled.state.kinds import BOOLEAN, MARKS, NUMBERS, WORLD
-from impactlaw.stepping.time_stepping.compiled.state.surfaces import add_surfaces, surfaces_move
-from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, metric_of, setting
+from impactlaw.stepping.time_stepping.compiled.state.surfaces import surfaces_move
+from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.problem.detection.fast_bodies import some_can_pass, take_back
 from impactlaw.stepping.time_stepping.problem.detection.floor_edges import leave_edges
 from impactlaw.stepping.time_stepping.problem.rows import (
     JACOBIAN,
-    Rows,
     Source,
     count_groups,
-    entries_of,
     find_near,
     write_rows,
 )
@@ -90,24 +86,7 @@ def read(w, jacobian, metric, velocity, start, free, chosen, frictional, mark, r
     return write_rows(source, metric, trees, start, free, chosen, w.timestep, frictional, touching, mark, room, rows)
 
 
-@kernel
-def rows_of(w, jacobian, chosen, start, free):
-    """Return the rows of the chosen groups in arrays of their own, for steps in Python; see `read`."""
-    frictional, mark = setting(w, SETTING.frictional) != 0.0, cleared(size(w, MODEL.ntree))
-    groups, n = count(w, chosen, frictional)
-    entries = entries_of(jacobian, layout_of_trees(w), mark)
-    rows = Rows(
-        np.empty((3, n), np.int32), np.empty(entries, np.int32), np.empty(entries), np.empty((4, groups), np.int32),
-        np.empty(groups, np.int64), np.empty((2, groups)), np.empty((7, n)),
-    )  # fmt: skip
-    metric, velocity = metric_of(w), data_floats(w, DATA.efc_vel, number(w, DATA.nefc))
-    end = read(w, jacobian, metric, velocity, start, free, chosen, frictional, mark, numbers(2 * w.nv), rows)
-    if surfaces_move(w):
-        add_surfaces(w, rows)
-    return Rows(rows.sparse, rows.colind[:end], rows.value[:end], rows.groups, rows.key, rows.amounts, rows.rates)
-
-
-@shared(types.void(WORLD, JACOBIAN, NUMBERS, BOOLEAN, *[MARKS] * 3), counts=False)
+@linked(types.void(WORLD, JACOBIAN, NUMBERS, BOOLEAN, *[MARKS] * 3), counts=False)
 def look(w, jacobian, middle, doubts, chosen, seen, doubtful):
     """Write which rows the velocity of data closes, (nefc,); for the arguments see `choose`, which returns `doubts`."""
     near(w, jacobian, velocity_of(w), velocity_of(w), w.timestep, seen)
@@ -115,7 +94,7 @@ def look(w, jacobian, middle, doubts, chosen, seen, doubtful):
         look_ahead(w, jacobian, middle, chosen, seen, doubtful)
 
 
-@shared(BOOLEAN(WORLD, JACOBIAN, *[NUMBERS] * 3, *[MARKS] * 3), counts=False)
+@linked(BOOLEAN(WORLD, JACOBIAN, *[NUMBERS] * 3, *[MARKS] * 3), counts=False)
 def choose(w, jacobian, start, free, middle, chosen, seen, doubtful):
     """Write which of MuJoCo's rows take part at first, (nefc,); return whether contacts are left out as doubtful.
 

@@ -1,4 +1,4 @@
-"""Find the impulses of a step by a working set, in compiled code, see `working_set`; the energy of a collision."""
+"""Find the impulses of a step by a working set of contacts; it grows by those that the resulting velocity closes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from impactlaw.solvers.cones.algebra.loops import clear, once, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import velocity_of
 from impactlaw.stepping.compiled.fields import floats
-from impactlaw.stepping.time_stepping.compiled.impulses.answer import Solved
+from impactlaw.stepping.time_stepping.compiled.impulses.answer import NO_ANSWER
 from impactlaw.stepping.time_stepping.compiled.impulses.contact_problem import (
     Outcome,
     attempt,
@@ -27,7 +27,7 @@ from impactlaw.stepping.time_stepping.problem.energy import is_met
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import TOLERANCE
 from impactlaw.stepping.time_stepping.tolerances import FEW_ROUNDS, PHASE_SET_ROWS, PHASE_SETS, SETS
 
-_UNSEEN = Solved(False, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, UNSEEN, 0.0)
+_UNSEEN = NO_ANSWER._replace(status=UNSEEN)
 _FEW, _AT_ONCE = np.int64(FEW_ROUNDS), np.bool_(False)
 
 
@@ -57,6 +57,12 @@ def find_impulses(
     narrow,
 ):  # fmt: skip
     """Add the effect of contact to the velocity, and return it; see `scheme.TimeStepping`.
+
+    Contacts that are far from closing are left out, and those that bodies may pass over, see `passed_edges`. If the
+    resulting velocity would close one of them, it joins the next working set. If contacts are hit only through others,
+    the others collide first, which may close further contacts. The same is tried if a few sets do not hold everything
+    that closes. If Coriolis and gyroscopic forces create energy because of a collision, the collision is put between
+    two half steps.
 
     Args:
         w: the world in the middle of the step.

@@ -42,16 +42,20 @@ def ask_law(law, rows, collides, target):
 
 
 @kernel
-def reverse(e, rows, tree, collides, target):
-    """Write the targets of `laws.fremond.Reversal`; contacts that a collision reaches are added to ``collides``."""
-    none = cleared(len(collides))
-    reached = reached_groups(rows, tree, collides, none)
+def add_reached(rows, tree, collides):
+    """Add the closed contacts that a collision reaches to those that collide, bool (g,)."""
+    reached = reached_groups(rows, tree, collides, cleared(len(collides)))
     for g in range(len(collides)):
         collides[g] = collides[g] or reached[g]
+
+
+@kernel
+def reverse(e, rows, nv, collides, target):
+    """Write the targets of `laws.fremond.Reversal`."""
     order = _in_order(rows, collides)
     h = len(order)
     label, linked = indices(h), cleared(h * h).reshape((h, h))
-    _find_blocks(rows, order, zeros(len(tree)), label, linked)
+    _find_blocks(rows, order, zeros(nv), label, linked)
     _put_along_chains(order, label, linked)
     for i in range(h):
         after = 0  # number of later contacts of its block

@@ -15,7 +15,6 @@ from impactlaw.stepping.compiled.access import data_floats, size
 from impactlaw.stepping.compiled.fields import DATA, MODEL, floats
 from impactlaw.stepping.time_stepping.compiled.state.room import keep_known, known_at
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import forget_surfaces, surface_room
-from impactlaw.stepping.time_stepping.problem.rows import Known
 
 
 class Memory(NamedTuple):
@@ -173,19 +172,6 @@ def raw(numbers: np.ndarray) -> bytes:
     """Return a copy of the impulses of a world, given its numbers; the block must not have been overwritten since."""
     block, _, g, n = _BLOCK.unpack_from(numbers.data)
     return ctypes.string_at(block, 24 * g + 32 * n) if g else b""
-
-
-def recollect(numbers: np.ndarray, impulses: bytes) -> Known:
-    """Return the impulses of a world, given its numbers and the result of `raw`."""
-    g, n = numbers[MEMORY.groups : MEMORY.rows + 1].view(np.int64).tolist()
-    parts = (np.int64, g), (np.float64, n), (np.float64, n), (np.float64, 2 * n), (np.int32, 4 * g)
-    found, at = [], 0
-    for kind, many in parts:
-        end = at + many * np.dtype(kind).itemsize
-        found.append(np.frombuffer(impulses[at:end], kind).copy())
-        at = end
-    key, scale, x, turns, groups = found
-    return Known(groups.reshape(4, g), key, scale, x, turns.reshape(2, n))
 
 
 def restore(numbers: np.ndarray, kept: np.ndarray, impulses: bytes) -> None:

@@ -30,7 +30,7 @@ class Room(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """Targets and results of the contacts; see `resolve.resolve_step`."""
+    """Targets and results of the contacts; see `resolve.resolve`."""
 
     x: Array  # impulses of rows, in units of the problem, (n,)
     sliding: Array  # target sliding velocities, (n,)

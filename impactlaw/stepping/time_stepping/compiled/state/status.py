@@ -21,3 +21,5 @@ FARTHER = 9
 """A collision throws a body farther than contacts were looked for."""
 OVERRIDDEN = 10
 """Contacts have friction, and MuJoCo's override of contacts is on."""
+RAISED = 11
+"""Something that is called in Python has raised an error."""

@@ -80,14 +80,6 @@ def _kept(numbers: np.ndarray, model: mujoco.MjModel) -> tuple[np.ndarray, list[
     return kept, [rows[:, a:b] for a, b in pairwise((ROW.target, ROW.mean, ROW.last, ROW.start))]
 
 
-def last_motion(numbers: np.ndarray, model: mujoco.MjModel) -> LastMotion | None:
-    """Return the motion of mocap bodies in the last step of a world, from its memory."""
-    if not model.nmocap:
-        return None
-    head, parts = _kept(numbers, model)
-    return LastMotion(float(head[HEAD.time]), *(part.copy() for part in parts))
-
-
 def put_motion(numbers: np.ndarray, model: mujoco.MjModel, motion: LastMotion | None) -> None:
     """Set the motion of mocap bodies in the last step of a world."""
     if motion is None:

@@ -31,6 +31,8 @@ class Settings(NamedTuple):
     meter: int = 14  # see `scene.tolerances.meter`
     beside: int = 15  # 1 if cylinders can touch side by side
     touching: int = 16  # gap, m or rad, up to which bodies at rest touch
+    # 1 if the law is asked in Python, 2 if it is also shown the closed contacts that a collision reaches; else 0
+    asks: int = 17
 
 
 SETTING = Settings()
@@ -51,7 +53,7 @@ class World(NamedTuple):
     damped: bool  # whether the integrator damps implicitly
     surfaces: int  # address of the state of mocap bodies, see `surfaces`; 0 if they do not move during a step
     work: int  # address of the remaining part of the work allowed in the step, see `solvers.cones.budget.spend`
-    pool: int  # MuJoCo's pool in which functions called by Python run, see `compiled.shared`; 0 in compiled steps
+    python: int  # address of what is called in Python, see `calls.Hook`; 0 if nothing is
 
 
 @plain

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import types
 
-from impactlaw.compiled import compiled
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.loops import FLOATS, Array, counts, numbers, plain
+from impactlaw.solvers.cones.algebra.loops import FLOATS, counts, numbers, plain
 from impactlaw.stepping.compiled.whitening import INERTIA, unwhitened
 from impactlaw.stepping.time_stepping.problem.energy import CREATED, contact_work, is_met, lose_energy
 from impactlaw.stepping.time_stepping.problem.overlaps import move_apart, overlap_targets
@@ -18,7 +15,6 @@ from impactlaw.stepping.time_stepping.problem.solution.contact_problem import (
     AIMS,
     METHOD,
     UNSOLVED,
-    Aims,
     Solution,
     give_way,
     guess,
@@ -30,24 +26,6 @@ from impactlaw.stepping.time_stepping.problem.solution.driving_equalities import
 _MARKS = types.boolean[::1]
 _KNOWN = types.Tuple((types.int32[:, ::1], types.int64[::1], FLOATS, FLOATS))
 _FOUND = types.Tuple((types.boolean, *[types.float64] * 7))
-
-
-class Resolved(NamedTuple):
-    """The answer of `resolve_step`."""
-
-    impulse: Array  # impulses, in units of the problem, (n,)
-    change: Array  # change of velocity, (nv,)
-    shift: Array  # velocity that opens overlaps, (nv,); empty if there is none to open
-    reached: Array  # the targets that were aimed at, with restitution scaled, (g,)
-    missed: float  # largest amount by which a contact velocity misses its target, m/s or rad/s
-    fastest: float  # largest velocity of a row, m/s or rad/s
-    share: float  # smallest share of restitution that is kept
-    created: float  # energy that the collision would create without scaling, J
-    work: float  # work of contact, J
-    rounding: float  # part of the work that is rounding, J
-    residual: float  # residual of the natural map, including friction, relative to the largest velocity
-    jump: Array  # whitened change of velocity, (nv,)
-    sliding: Array  # target sliding velocities, (n,)
 
 
 @plain
@@ -87,27 +65,11 @@ def _resolve(
     )
 )  # fmt: skip
 def resolve(rows, aims, bound, known, timestep, dissipative, together, method, inertia, x, change, shift, reached, z):
-    """Resolve the contacts of a step, writing to given arrays; see `resolve_step`.
-
-    Written are the impulses, the change of velocity, the velocity that opens overlaps if there are any to open, the
-    targets, the whitened change of velocity, and the target sliding velocities, which replace the given ones.
-    Return whether there are overlaps to open, and the numbers of `resolve_step`.
-    """
-    n, turned = len(x), counts(len(aims.target))
-    after, scratch, room = numbers(n), numbers(2 * n), numbers(3 * n + 2 * len(aims.target) + 2 * len(z))
-    return _resolve(
-        rows, aims, bound, known, timestep, dissipative, together, method, inertia, change, shift,
-        Solution(x, z, after, reached, scratch), turned, room,
-    )  # fmt: skip
-
-
-@compiled()
-def resolve_step(rows, aims, bound, known, timestep, dissipative, together, method, inertia):
     """Resolve the contacts of a step.
 
     Args:
         rows: the rows that take part.
-        aims: what the step asks of them.
+        aims: what the step asks of them; the target sliding velocities are replaced by those aimed at.
         bound: equality constraints that do not drive the collision, see `driving_equalities`, bool (g,).
         known: impulses to start from.
         timestep: h, s.
@@ -116,14 +78,21 @@ def resolve_step(rows, aims, bound, known, timestep, dissipative, together, meth
             influence each other, or for each group of contacts that do.
         method: how to solve the problem; the work of the solvers is subtracted from its `left`.
         inertia: the mass matrix of the step.
+        x: impulses, in units of the problem, (n,), written, like the following ones.
+        change: change of velocity, (nv,).
+        shift: velocity that opens overlaps, (nv,), if there are any to open.
+        reached: the targets that were aimed at, with restitution scaled, (g,).
+        z: whitened change of velocity, (nv,).
+
+    Returns:
+        Whether there are overlaps to open, the largest amount by which a contact velocity misses its target, the
+        largest velocity of a row, the smallest share of restitution that is kept, the energy that the collision would
+        create without scaling, J, the work of contact and the part of it that is rounding, J, and the residual of the
+        natural map, including friction, relative to the largest velocity.
     """
-    n, nv = rows.rates.shape[1], len(method.tree)
-    x, change, shift, z, reached = np.empty(n), np.empty(nv), np.empty(nv), np.empty(nv), np.empty(len(aims.target))
-    aims = Aims(aims.target, aims.sliding.copy(), aims.collides)
-    overlaps, missed, fastest, share, created, work, rounding, residual = resolve(
-        rows, aims, bound, known[:4], timestep, dissipative, together, method, inertia, x, change, shift, reached, z
-    )
-    shift = shift if overlaps else shift[:0]
-    return Resolved(
-        x, change, shift, reached, missed, fastest, share, created, work, rounding, residual, z, aims.sliding
+    n, turned = len(x), counts(len(aims.target))
+    after, scratch, room = numbers(n), numbers(2 * n), numbers(3 * n + 2 * len(aims.target) + 2 * len(z))
+    return _resolve(
+        rows, aims, bound, known, timestep, dissipative, together, method, inertia, change, shift,
+        Solution(x, z, after, reached, scratch), turned, room,
     )  # fmt: skip

@@ -14,8 +14,7 @@ from impactlaw import Fremond, ImpactEvent, Law, Moreau, Newton, Stepper
 from impactlaw.errors import SceneError
 from impactlaw.models import load
 from impactlaw.stepping.impact_event import NOTHING, ImpactSums, sums_of
-from impactlaw.stepping.time_stepping.compiled import repeated_steps
-from impactlaw.stepping.time_stepping.scheme import TimeStepping
+from impactlaw.stepping.time_stepping import repeated_steps
 from scripts.robots.agreement import compiled_stepper
 
 LAWS = [Moreau(0.0), Moreau(0.5), Newton({"*": 0.7}), Fremond.reversal()]
@@ -41,8 +40,8 @@ def events_asked_for(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     """Return a list that gets, for each repeated step, whether its sums had to be found from events."""
     asked, find = [], repeated_steps.StepRepeater.sums
 
-    def listen(repeater: repeated_steps.StepRepeater, *arguments: object) -> ImpactSums | None:
-        found = find(repeater, *arguments)  # pyright: ignore[reportArgumentType]
+    def listen(repeater: repeated_steps.StepRepeater, start: repeated_steps.Start) -> ImpactSums | None:
+        found = find(repeater, start)
         asked.append(found is None)
         return found
 
@@ -268,24 +267,10 @@ def test_nothing_of_no_collision():
     assert stepper.sums is NOTHING
 
 
-def test_another_solution_in_python_is_told_and_not_taken_for_a_changed_model(monkeypatch: pytest.MonkeyPatch):
-    """Friction problems can have several solutions, and compiled code and Python may find different ones."""
+def test_a_changed_model_is_told():
     model = mujoco.MjModel.from_xml_string(BALL)
     stepper, data = compiled_stepper(model, Moreau(0.5)), mujoco.MjData(model)
     data.qvel[2] = -1.0
-    stepper.step(data)
-    step = TimeStepping.step
-
-    def other(scheme: TimeStepping, data: mujoco.MjData) -> object:
-        events = step(scheme, data)
-        data.qvel[0] += 0.1
-        return events
-
-    monkeypatch.setattr(TimeStepping, "step", other)
-    assert len(stepper.events) == 1
-    stepper.step(data)
-    data.qvel[2] = -1.0
-    data.qpos[2] = 0.101
     stepper.step(data)
     model.geom_size[1] = 0.05
     with pytest.raises(SceneError, match="changed"):
