@@ -16,7 +16,7 @@ from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.impact import Impact
 from impactlaw.solvers.friction.solve import THOROUGH
 from impactlaw.stepping.compiled.whitening import Inertia
-from impactlaw.stepping.time_stepping.compiled.state.calls import (
+from impactlaw.stepping.time_stepping.compiled.state.hook import (
     ASK,
     BEGIN,
     CALL,
@@ -51,7 +51,7 @@ class Calls:
     """The calls of one world under a law.
 
     Attributes:
-        hook: see `compiled.state.calls.Hook`, int64.
+        hook: see `compiled.state.hook.Hook`, int64.
         collisions: the collisions kept in the last step.
         error: the error that a call has raised in the last step.
         watch: called with each problem of the steps, if ``hook`` says so.
@@ -75,7 +75,7 @@ class Calls:
         self._work.begin()
 
     def answer(self, place: int) -> int:
-        """Do what a call asks for, see `compiled.state.calls.Call`; return the reply."""
+        """Do what a call asks for, see `compiled.state.hook.Call`; return the reply."""
         data = self._data
         assert data is not None
         call = _Call(place, self._law.model.nv)

@@ -45,7 +45,7 @@ from impactlaw.stepping.time_stepping.calls import Calls, Posed
 from impactlaw.stepping.time_stepping.compiled.entry import CONTEXT, single
 from impactlaw.stepping.time_stepping.compiled.model_copy import room
 from impactlaw.stepping.time_stepping.compiled.state import memory, status
-from impactlaw.stepping.time_stepping.compiled.state.calls import HOOK
+from impactlaw.stepping.time_stepping.compiled.state.hook import HOOK
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import put_motion
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING

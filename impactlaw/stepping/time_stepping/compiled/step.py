@@ -58,7 +58,7 @@ from impactlaw.stepping.time_stepping.compiled.midpoint import (
     to_midpoint,
 )
 from impactlaw.stepping.time_stepping.compiled.model_copy import copy_model, is_damped
-from impactlaw.stepping.time_stepping.compiled.state.calls import CONTROL, ERROR, HOOK, hooked, notify
+from impactlaw.stepping.time_stepping.compiled.state.hook import CONTROL, ERROR, HOOK, hooked, notify
 from impactlaw.stepping.time_stepping.compiled.state.law import LawTable
 from impactlaw.stepping.time_stepping.compiled.state.memory import (
     FRAME,

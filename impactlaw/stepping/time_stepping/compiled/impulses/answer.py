@@ -10,7 +10,7 @@ from impactlaw.solvers.cones import BILATERAL
 from impactlaw.solvers.cones.algebra.loops import counts, kernel, plain
 from impactlaw.stepping.compiled.access import data_ints, model_ints, number, size
 from impactlaw.stepping.compiled.fields import DATA, MODEL, flags, floats
-from impactlaw.stepping.time_stepping.compiled.state.calls import (
+from impactlaw.stepping.time_stepping.compiled.state.hook import (
     ASK,
     ERROR,
     HOOK,

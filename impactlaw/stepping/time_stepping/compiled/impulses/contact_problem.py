@@ -19,7 +19,7 @@ from impactlaw.stepping.time_stepping.compiled.impulses.answer import (
 )
 from impactlaw.stepping.time_stepping.compiled.impulses.phases import resolve_in_phases
 from impactlaw.stepping.time_stepping.compiled.impulses.rows import count, read
-from impactlaw.stepping.time_stepping.compiled.state.calls import BEGIN, ERROR, HOOK, KEEP, hooked, notify, tell
+from impactlaw.stepping.time_stepping.compiled.state.hook import BEGIN, ERROR, HOOK, KEEP, hooked, notify, tell
 from impactlaw.stepping.time_stepping.compiled.state.kinds import (
     BOOLEAN,
     INTEGER,

@@ -19,7 +19,7 @@ from impactlaw.stepping.time_stepping.compiled.impulses.answer import (
     scalable,
     solve,
 )
-from impactlaw.stepping.time_stepping.compiled.state.calls import ERROR, HOOK, KEEP, hooked, tell
+from impactlaw.stepping.time_stepping.compiled.state.hook import ERROR, HOOK, KEEP, hooked, tell
 from impactlaw.stepping.time_stepping.compiled.state.kinds import ANSWER, BOOLEAN, INTEGER, LAW, NUMBERS, WORLD
 from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, answer_size
 from impactlaw.stepping.time_stepping.compiled.state.status import FINE

@@ -53,7 +53,7 @@ class World(NamedTuple):
     damped: bool  # whether the integrator damps implicitly
     surfaces: int  # address of the state of mocap bodies, see `surfaces`; 0 if they do not move during a step
     work: int  # address of the remaining part of the work allowed in the step, see `solvers.cones.budget.spend`
-    python: int  # address of what is called in Python, see `calls.Hook`; 0 if nothing is
+    python: int  # address of what is called in Python, see `hook.Hook`; 0 if nothing is
 
 
 @plain
