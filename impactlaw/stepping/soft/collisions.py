@@ -30,7 +30,7 @@ from impactlaw.stepping.soft.drifting_limits import drifting
 from impactlaw.stepping.soft.driving_constraints import Constraints, is_dragged
 from impactlaw.stepping.soft.locked_joints import added_inertia, with_locked_joints
 from impactlaw.stepping.soft.position_correction import put_back
-from impactlaw.stepping.soft.pressed_contacts import approach_speed
+from impactlaw.stepping.soft.pressed_contacts import approach_speed, pairs_before
 from impactlaw.stepping.soft.rebounds import Normals, hold_back, normals
 from impactlaw.stepping.soft.tolerances import FALLS, OPENING, REST_SPEED, ROUNDING, WORK
 from impactlaw.stepping.work import Work
@@ -79,6 +79,7 @@ class Collisions:
         self.unlocated = self.short_steps = 0
         self._mass = float(model.body_mass[model.body_weldid > 0].sum())
         self._work = Work(model.nv, WORK, rounds=THOROUGH, once=True)
+        self._earlier: mujoco.MjData | None = None
 
     @property
     def rest_speed(self) -> float:
@@ -86,10 +87,14 @@ class Collisions:
         option, given = self.model.opt, self.given_speed
         return max(REST_SPEED, FALLS * option.timestep * math.hypot(*option.gravity)) if given is None else given
 
-    def resolve(self, data: mujoco.MjData) -> tuple[tuple[ImpactEvent, ...], int]:
+    def resolve(self, data: mujoco.MjData, before: np.ndarray | None = None) -> tuple[tuple[ImpactEvent, ...], int]:
         """Change the velocity by the law; return the collisions and MuJoCo's last stage that is still current.
 
         Positions change, too, if MuJoCo's force would push a contact that the law opens, see `position_correction`.
+
+        Args:
+            data: the state, with contacts and velocities of constraint rows; changed.
+            before: geoms of the contacts a step before, int32 (n, 2); if not given they are looked up where needed.
         """
         rows, speed, surfaces = data.efc_vel, self.rest_speed, self.surfaces
         still = surfaces is None or surfaces.still
@@ -100,7 +105,7 @@ class Collisions:
             return NOTHING
         closed = self.closed(data)
         gamma = closed.contact_velocity(data.qvel)
-        approach = self._approach(data, closed, gamma)
+        approach = self._approach(data, closed, gamma, before)
         if not np.count_nonzero(gamma < -approach):  # contacts of flexes may close
             return NOTHING
         constraints = Constraints(self.model, data) if data.ne and self.bilateral.any() else None
@@ -117,8 +122,8 @@ class Collisions:
         self.unlocated += len(events) > self.collider.most
         if np.array_equal(found.velocity, data.qvel):
             return events, VELOCITY
-        before, data.qvel[:] = data.qvel.copy(), found.velocity
-        put_back(self.model, data, before, self._normals(data), self.rest_speed)
+        closing, data.qvel[:] = data.qvel.copy(), found.velocity
+        put_back(self.model, data, closing, self._normals(data), self.rest_speed)
         return events, POSITION
 
     def _resolved(
@@ -250,12 +255,24 @@ class Collisions:
         except _UNSOLVED:
             return None
 
-    def _approach(self, data: mujoco.MjData, closed: Closed, gamma: np.ndarray) -> np.ndarray:
+    def _approach(
+        self, data: mujoco.MjData, closed: Closed, gamma: np.ndarray, before: np.ndarray | None
+    ) -> np.ndarray:
         """Return the closing speeds above which contacts collide, (h,), see `pressed_contacts`."""
         row = first_rows(self.model, data)
         depth, last = data.efc_margin[row] - data.efc_pos[row], closed.jacobian @ data.qacc_warmstart
-        given = self.model.opt.timestep, self.rest_speed
-        return np.array([approach_speed(*each, *given) for each in zip(gamma, last, depth, strict=True)])
+        given, geoms = (self.model.opt.timestep, self.rest_speed), closed.contacts.geoms
+        approach = np.array([approach_speed(*each, *given) for each in zip(gamma, last, depth, strict=True)])
+        still = True if closed.drift is None else closed.drift == 0.0
+        deep = np.flatnonzero((approach > self.rest_speed) & (geoms[:, 0] >= 0) & still)
+        if not len(deep):
+            return approach
+        if before is None:
+            self._earlier = self._earlier or mujoco.MjData(self.model)
+            before = pairs_before(self.model, data, self._earlier)
+        before = np.sort(before, axis=1)
+        approach[[i for i in deep if not (before == geoms[i]).all(axis=1).any()]] = self.rest_speed
+        return approach
 
     def closed(self, data: mujoco.MjData) -> Closed:
         """Return the contacts and limits that MuJoCo's solver acts on now, as closed contacts without constraints."""

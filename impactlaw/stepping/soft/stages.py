@@ -47,7 +47,7 @@ class Stages:
         mujoco.mj_getState(model, data, self._before, _STATE)
         start, pushing = keep_start(data, touches=touches), contact_forces(model, data) if touches else None
         if passes_limit(model, data):
-            events = self._collide_at_end(data, collisions, start, pushing)
+            events = self._collide_at_end(data, collisions, start, pushing, data.contact.geom.copy())
             if not events:
                 mujoco.mj_RungeKutta(model, data, 4)
             return events
@@ -63,7 +63,7 @@ class Stages:
             still = collisions.surfaces is None or collisions.surfaces.still
             if still and not closes(model, data, velocities, collisions.rest_speed):
                 return ()
-        return self._collide_at_end(data, collisions, start, pushing)
+        return self._collide_at_end(data, collisions, start, pushing, before[0])
 
     def _at_start(self, start: tuple[np.ndarray, ...]) -> mujoco.MjData:
         """Return other data as at the start of the step; see `keep_start`."""
@@ -78,7 +78,12 @@ class Stages:
         return self._trial
 
     def _collide_at_end(
-        self, data: mujoco.MjData, collisions: Collisions, start: tuple[np.ndarray, ...], pushing: np.ndarray | None
+        self,
+        data: mujoco.MjData,
+        collisions: Collisions,
+        start: tuple[np.ndarray, ...],
+        pushing: np.ndarray | None,
+        pairs: np.ndarray,
     ) -> tuple[ImpactEvent, ...]:
         """Take an RK4 step without new contacts in other data; keep it if it ends in a collision that the law changes.
 
@@ -87,12 +92,13 @@ class Stages:
             collisions: resolves them.
             start: see `keep_start`.
             pushing: the forces of contacts and limits at the start of the step, (nv,); None if nothing touches.
+            pairs: the geoms of the contacts at the start of the step, int32 (n, 2).
         """
         model, trial = self._model, self._at_start(start)
         advance_without_new_contacts(model, trial, pushing=pushing)
         mujoco.mj_fwdPosition(model, trial)
         mujoco.mj_fwdVelocity(model, trial)
-        events, stage = collisions.resolve(trial) if trial.ncon or trial.nl else NOTHING
+        events, stage = collisions.resolve(trial, pairs) if trial.ncon or trial.nl else NOTHING
         if stage == VELOCITY:
             return ()
         mujoco.mj_getState(model, trial, self._before, _STATE)

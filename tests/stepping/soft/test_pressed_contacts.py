@@ -60,3 +60,27 @@ def test_contacts_of_any_depth_collide_in_the_first_step(code):
     stepper = Stepper(model, Moreau(0.5), contact_model="soft", compiled=code)
     stepper.step(data)
     assert stepper.events[0].impact.post_velocity[0] == pytest.approx(-0.5, abs=1e-12)
+
+
+BATON = """<geom name="floor" type="plane" size="9 9 1"/>
+    <body pos="0 0 .3075"><joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/>
+    <geom name="tip" pos="0 0 -.3" size=".02" mass=".5"/><geom pos="0 0 .3" size=".02" mass=".5"/></body>"""
+
+
+@pytest.mark.parametrize("code", ["auto", "never"])
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize("e", [0.0, 0.5])
+def test_the_tip_of_a_body_that_turns_fast_collides_as_it_closes(e, integrator, code):
+    """A falling baton turns by 0.25 in a step: its tip is then 12 mm deep, but closes by less than 4 mm a step."""
+    model, data = compiled(BATON, option=f'timestep="1e-2" integrator="{integrator}"')
+    data.qpos[1], data.qvel[1] = 0.29, -25.0
+    stepper = Stepper(model, Moreau(e), contact_model="soft", compiled=code)
+    stepper.step(data)
+    assert bool(stepper.events) == (integrator == "RK4")  # whose collisions are at the ends of steps
+    if not stepper.events:
+        stepper.step(data)
+    (event,) = stepper.events
+    before, after = event.impact.collision.pre_contact_velocity, event.impact.post_contact_velocity
+    assert event.contacts.labels == ("floor/tip",)
+    assert -0.45 < before[0] < -0.35
+    assert after == pytest.approx(-e * before, abs=1e-12)

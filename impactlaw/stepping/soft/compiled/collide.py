@@ -52,7 +52,7 @@ from impactlaw.stepping.soft.compiled.contacts.active_contacts import (
 )
 from impactlaw.stepping.soft.compiled.contacts.drifting_limits import leave_drifting_out
 from impactlaw.stepping.soft.compiled.contacts.equalities import Gradients, projected, span
-from impactlaw.stepping.soft.compiled.contacts.kinds import FOUND, GRADIENTS, LAW, WORLD, typeof
+from impactlaw.stepping.soft.compiled.contacts.kinds import FOUND, GRADIENTS, LAW, START, WORLD, typeof
 from impactlaw.stepping.soft.compiled.contacts.outcomes import write_outcome
 from impactlaw.stepping.soft.compiled.contacts.rows import everyone, reached_by, read
 from impactlaw.stepping.soft.compiled.contacts.work import work_of_each
@@ -230,7 +230,7 @@ def _gradients(w, law, calm, jacobian):
 
 
 @kernel
-def _collide(w, law, islands, sums):
+def _collide(w, law, islands, start, sums):
     """Do what `collide` does, once; constraints that move faster than a part of the fastest contact are giving way.
 
     The status is `_DRIVEN` if these have driven a collision in an island in which they had not done so before.
@@ -241,7 +241,7 @@ def _collide(w, law, islands, sums):
     if not normal_velocities(found, speeds, gamma) < -law.rest_speed:
         return FINE, False
     approach = numbers(len(gamma))
-    approach_speeds(w, found, gamma, law.rest_speed, approach)
+    approach_speeds(w, found, gamma, law.rest_speed, start, approach)
     if not some_collides(gamma, approach):
         return FINE, False
     calm, jacobian = zeros(len(islands.label)), jacobian_of(w, True)
@@ -252,7 +252,7 @@ def _collide(w, law, islands, sums):
         h = leave_drifting_out(w, gradients, found, gamma)
         found, gamma = ActiveContacts(found.row[:h], found.contact[:h], found.paired[:h]), gamma[:h]
         approach = approach[:h]
-        approach_speeds(w, found, gamma, law.rest_speed, approach)
+        approach_speeds(w, found, gamma, law.rest_speed, start, approach)
         if not some_collides(gamma, approach):
             return FINE, False
     rounding, opening = 0.0, OPENING * law.rest_speed
@@ -285,13 +285,14 @@ def _collide(w, law, islands, sums):
     return status, changed and status == FINE
 
 
-@linked(types.Tuple((types.int64, types.boolean))(WORLD, LAW, FLOATS))
-def collide(w, law, sums):
+@linked(types.Tuple((types.int64, types.boolean))(WORLD, LAW, START, FLOATS))
+def collide(w, law, start, sums):
     """Resolve the current collisions, and write the velocity after them into qvel.
 
     Args:
         w: the world, with current velocities of its rows.
         law: see `world.Law`.
+        start: see `world.Start`.
         sums: sums over the collisions, zeros before, (`SUMS`,), written.
 
     Returns:
@@ -315,7 +316,7 @@ def collide(w, law, sums):
     while status == _DRIVEN:
         clear(sums)
         put(law.outcomes, told)
-        status, changed = _collide(w, law, islands, sums)
+        status, changed = _collide(w, law, islands, start, sums)
     if status == _LEFT:
         clear(sums)
         put(law.outcomes, told)

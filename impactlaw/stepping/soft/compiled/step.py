@@ -48,7 +48,7 @@ from impactlaw.stepping.soft.compiled.without_new_contacts import (
     row_numbers,
     start_room,
 )
-from impactlaw.stepping.soft.compiled.world import DIVERGED, FINE, PYTHON, World
+from impactlaw.stepping.soft.compiled.world import DIVERGED, FINE, PYTHON, Start, World
 
 _RK4, _EULER, _DISCRETE = (int(getattr(mujoco.mjtIntegrator, f"mjINT_{name}")) for name in ("RK4", "EULER", "DISCRETE"))
 _POSITION, _VELOCITY = int(mujoco.mjtStage.mjSTAGE_POS), int(mujoco.mjtStage.mjSTAGE_VEL)
@@ -72,12 +72,12 @@ def _touches(w):
 
 
 @kernel
-def _collide(w, law, sums):
+def _collide(w, law, start, sums):
     """Resolve the current collisions, if there are any; see `collide.collide`."""
     qpos = data_floats(w, DATA.qpos, size(w, MODEL.nq))
     if _touches(w) == 0 or not (norm(qpos) <= _HUGE and norm(velocity_of(w)) <= _HUGE):
         return FINE, False
-    return collide(w, law, sums)
+    return collide(w, law, start, sums)
 
 
 @plain
@@ -159,7 +159,7 @@ def _will_meet_more(w, trial, state, start, geoms, rows):
 
 
 @kernel
-def _collide_at_end(w, law, other, pushing, state, start, sums):
+def _collide_at_end(w, law, other, pushing, state, start, geoms, sums):
     """Take an RK4 step without new contacts; keep it if it ends in a collision that the law changes.
 
     It is taken in other data, or in that of the world, if `other` is the same, which must then be at the start. Return
@@ -173,7 +173,7 @@ def _collide_at_end(w, law, other, pushing, state, start, sums):
     mj.fwd_velocity(w.model, other)
     of_trial, told, before = zeros(len(sums)), copied(law.outcomes[:1]), numbers(w.nv)
     put(before, velocity_of(now))
-    status, changed = _collide(now, law, of_trial)
+    status, changed = _collide(now, law, Start(0, state, geoms), of_trial)
     if status == FINE and not changed:
         put(law.outcomes, told)
         sums[SHORT] += of_trial[SHORT]
@@ -203,7 +203,7 @@ def _from_start(w, law, trial, integrator, state, sums):
     kept = numbers(room(w) if locked else 0)
     if locked:
         lock(w, kept)
-    status, changed = _collide(w, law, sums)
+    status, changed = _collide(w, law, Start(trial, state, np.zeros((0, 2), np.int32)), sums)
     if locked and (changed or status != FINE or not takes_forces(w)):
         unlock(w, kept)
     if status != FINE:
@@ -233,22 +233,23 @@ def _from_start(w, law, trial, integrator, state, sums):
         if len(pushing) > 0:
             find_contact_forces(w, pushing)
         keep_start(w, start, False)
+        geoms = contact_ints(w, CONTACT.geom, 2).copy()
         if changed:
             mj.get_state(w.model, w.data, address_of(middle), STEP_STATE)
         if passes_limit(w):
             other = w.data if is_plain(w) else trial
-            status, collided = _collide_at_end(w, law, other, pushing, middle, start, sums)
+            status, collided = _collide_at_end(w, law, other, pushing, middle, start, geoms, sums)
             if status == FINE and not collided:
                 mj.runge_kutta(w.model, w.data, np.int32(4))
         else:
-            geoms, rows = contact_ints(w, CONTACT.geom, 2).copy(), row_numbers(w)
+            rows = row_numbers(w)
             most = _runge_kutta(w)
             between = most > number(w, DATA.nefc)
             if between and most <= len(rows):
                 between = _will_meet_more(w, trial, middle, start, geoms, rows)
             same = np.array_equal(row_numbers(w), rows) and np.array_equal(contact_ints(w, CONTACT.geom, 2), geoms)
             if between or (not same and _closes(w, law, _velocity_in(w, middle))):
-                status, collided = _collide_at_end(w, law, trial, pushing, middle, start, sums)
+                status, collided = _collide_at_end(w, law, trial, pushing, middle, start, geoms, sums)
         keep(middle)
     elif integrator == _EULER or integrator == _RK4:
         mj.euler(w.model, w.data)

@@ -65,3 +65,11 @@ class World(NamedTuple):
     data: int  # address of its data
     table: int  # address of offsets of fields, see `compiled.fields`
     nv: int  # number of degrees of freedom
+
+
+class Start(NamedTuple):
+    """Where the contacts a step before are known from; see `soft.pressed_contacts`."""
+
+    data: int  # address of other data, to be changed, for the contacts where the velocity has come from; or 0
+    state: Array  # the state, see `integration.STEP_STATE`
+    pairs: Array  # or else geoms of the contacts, int32 (n, 2)

@@ -26,7 +26,9 @@ from impactlaw.stepping.compiled.access import (
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, float_at, keep
 from impactlaw.stepping.compiled.left_out.hidden_edges import hide_edges
 from impactlaw.stepping.compiled.left_out.tied_contacts import mark_tied
+from impactlaw.stepping.integration import STEP_STATE
 from impactlaw.stepping.soft import pressed_contacts
+from impactlaw.stepping.soft.compiled.world import World
 
 Array = np.ndarray[Any, Any]
 
@@ -98,7 +100,37 @@ def normal_velocities(found, velocity, gamma):
 
 
 @kernel
-def approach_speeds(w, found, gamma, rest_speed, approach):
+def _pairs_before(w, start):
+    """Return the geoms of the contacts a step before, int32 (n, 2)."""
+    if start.data == 0:
+        return start.pairs
+    before, h = World(w.model, start.data, w.table, w.nv), float_at(w.model + offset(w, MODEL.opt_timestep))
+    mj.set_state(w.model, start.data, address_of(start.state), STEP_STATE)
+    keep(start.state)
+    mj.integrate_pos(w.model, data_at(before, DATA.qpos), data_at(w, DATA.qvel), -h)
+    mj.kinematics(w.model, start.data)
+    mj.collision(w.model, start.data)
+    return contact_ints(before, CONTACT.geom, 2).copy()
+
+
+@kernel
+def _look_back(w, found, gamma, rest_speed, start, approach):
+    """Do what `soft.collisions.Collisions._approach` does with contacts that seem to be deep."""
+    geoms, pairs, looked = contact_ints(w, CONTACT.geom, 2), start.pairs, False
+    for i in range(len(gamma)):
+        c = found.contact[i]
+        if c >= 0 and approach[i] > rest_speed:
+            if not looked:
+                pairs, looked = _pairs_before(w, start), True
+            was = False
+            for pair in pairs:
+                was = was or (pair[0] == geoms[c, 0] and pair[1] == geoms[c, 1])
+            if not was:
+                approach[i] = rest_speed
+
+
+@kernel
+def approach_speeds(w, found, gamma, rest_speed, start, approach):
     """Write the closing speeds above which contacts collide, (h,), see `soft.pressed_contacts`; gamma is (h,)."""
     n, h = number(w, DATA.nefc), float_at(w.model + offset(w, MODEL.opt_timestep))
     rows, last = numbers(n), numbers(len(gamma))
@@ -109,6 +141,7 @@ def approach_speeds(w, found, gamma, rest_speed, approach):
     for i in range(len(gamma)):
         row = found.row[i]
         approach[i] = approach_speed(gamma[i], last[i], margin[row] - gap[row], h, rest_speed)
+    _look_back(w, found, gamma, rest_speed, start, approach)
 
 
 @plain
