@@ -85,8 +85,8 @@ class ContactSet:
     def seen(self) -> np.ndarray:
         """The contact points, each seen from its two geoms, m, (h, 2, 3)."""
         geoms, (place, turn) = self.contacts.geoms, self.frames
-        away = self.contacts.position[:, None] - place[geoms]
-        return (away[:, :, None] @ turn[geoms].reshape(-1, 2, 3, 3))[:, :, 0]
+        away = self.contacts.position[:, None] - place.take(geoms, 0)
+        return (away[:, :, None] @ turn.take(geoms, 0).reshape(-1, 2, 3, 3))[:, :, 0]
 
     @cached_property
     def tangents(self) -> tuple[np.ndarray, np.ndarray] | None:

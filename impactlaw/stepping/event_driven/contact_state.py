@@ -47,9 +47,7 @@ class ContactState(NamedTuple):
     still: float  # largest contact velocity that counts as still: it crosses almost no distance in a timestep, m/s
     velocity: np.ndarray  # qvel, (nv,)
     contact_velocity: np.ndarray  # ``gamma``, m/s, (h,)
-    noise: np.ndarray  # size of the rounding errors of gamma, m/s, (h,); 0 if it decides nothing here
     rounding: np.ndarray  # contact velocities below which motion cannot be distinguished from rounding, m/s, (h,)
-    quiet: bool  # whether all contacts are closed, and neither move nor need a correction of position
     active: np.ndarray | None = None  # contacts that the last phase had to hold, bool (h,); None if there was no phase
     # forces with which the phase held them if there is friction; None if there were none
     contact_forces: ContactForces | None = None
@@ -62,11 +60,7 @@ class ContactState(NamedTuple):
         gap = contact_set.gap
         closed = gap <= tolerance
         still = _STILL * tolerance / timestep
-        motion = _motion(contact_set, closed, still)
-        quiet = motion[4] and contact_set.pattern.friction is None
-        if quiet and len(gap):
-            quiet = -CORRECTED * tolerance <= gap.item(gap.argmin()) and gap.item(gap.argmax()) <= tolerance
-        return cls(contact_set, contact_set.pattern, gap, closed, still, *motion[:4], quiet)
+        return cls(contact_set, contact_set.pattern, gap, closed, still, *_motion(contact_set, closed, still))
 
     def moving(
         self,
@@ -75,10 +69,10 @@ class ContactState(NamedTuple):
         force: np.ndarray | None = None,
     ) -> ContactState:
         """Return the same contacts with the current velocities."""
-        motion = _motion(self.contact_set, self.closed, self.still)[:4]
+        motion = _motion(self.contact_set, self.closed, self.still)
         if force is not None and active is not None and not self._lasts(active):
             force = None
-        return ContactState(*self[:5], *motion, False, active, contact_forces, force)
+        return ContactState(*self[:5], *motion, active, contact_forces, force)
 
     def _lasts(self, active: np.ndarray) -> bool:
         """Return whether the next phase may feel the force of these contacts: they are closed, and stay where they are.
@@ -131,8 +125,6 @@ class ContactState(NamedTuple):
         held = held & self.closed & (self.contact_velocity < 0.0)
         if not np.count_nonzero(held):
             return False
-        if np.count_nonzero(held & (self.contact_velocity < -np.maximum(self.noise, SILENT * self.still))):
-            return True
         return bool(np.count_nonzero(held & (self.contact_velocity < -_noise(self.contact_set, self.velocity))))
 
     def rounding_by(self, metric: KineticMetric, closed: Closed) -> np.ndarray:
@@ -146,12 +138,10 @@ class ContactState(NamedTuple):
         return bool(np.count_nonzero(self.closed & (self.contact_velocity < -self.rounding)))
 
 
-def _motion(
-    contact_set: ContactSet, closed: np.ndarray, still: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, bool]:
-    """Return v, gamma, its noise and `ContactState.rounding`, and whether all closed contacts move by noise only.
+def _motion(contact_set: ContactSet, closed: np.ndarray, still: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return v, gamma and `ContactState.rounding`.
 
-    Where each of these is still, or clearly moves, nothing depends on the noise, which takes a factor of M.
+    Where each closed contact is still, or clearly moves, nothing depends on the noise, which takes a factor of M.
     """
     velocity = contact_set.configuration.data.qvel.copy()
     gamma = contact_set.contact_velocity(velocity)
@@ -160,10 +150,8 @@ def _motion(
     if moving:
         clear, lengths = _CLEAR * mujoco.mju_norm(velocity), row_lengths(contact_set.jacobian).tolist()
         if min([speeds[i] - clear * lengths[i] for i in moving]) <= 0.0:
-            noise = _noise(contact_set, velocity)
-            return velocity, gamma, noise, np.maximum(noise, still), False
-    noise = np.zeros(len(gamma))
-    return velocity, gamma, noise, noise + still, not moving
+            return velocity, gamma, np.maximum(_noise(contact_set, velocity), still)
+    return velocity, gamma, np.full(len(gamma), still)
 
 
 def _noise(contact_set: ContactSet, velocity: np.ndarray) -> np.ndarray:

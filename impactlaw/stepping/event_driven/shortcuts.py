@@ -91,8 +91,14 @@ Shortcut = Apart | Together | Rest
 
 
 def find_together(phases: SmoothPhases, end: ContactState) -> Together | None:
-    """Return the shortcut `Together` if contacts stay closed without force at the end of a step, else None."""
-    if not (end.quiet and end.pattern.plain):
+    """Return the shortcut `Together` if contacts stay closed without force at the end of a step, else None.
+
+    All near contacts are then closed, and neither move nor need a correction of position.
+    """
+    if end.active is not None or end.pattern.friction is not None or not end.pattern.plain:
+        return None
+    moves = np.abs(end.contact_velocity).max() > SILENT * end.still
+    if moves or end.gap.min() < -CORRECTED * phases.tolerance or end.gap.max() > phases.tolerance:
         return None
     return Together(end.pattern, phases.frames() if phases.pairs > _MANY else None)
 
