@@ -35,6 +35,7 @@ class BorrowedOptions:
         timestep: the user's time step, s.
         disabled: the user's disable flags.
         enabled: the user's enable flags.
+        integrator: the user's integrator.
         several: whether the user lets MuJoCo look for several contacts between faces.
         limited: whether the user has limits on. (If contacts are off, detection reports none.)
         corrected: those of these geoms that can be in contact now.
@@ -54,7 +55,7 @@ class BorrowedOptions:
 
     def __enter__(self) -> BorrowedOptions:
         opt = self._opt = self._model.opt
-        self.timestep = opt.timestep
+        self.timestep, self.integrator = opt.timestep, opt.integrator
         self.disabled, self.enabled = disabled, enabled = opt.disableflags, opt.enableflags
         self._kept = disabled, enabled, opt.o_margin
         self.several = not disabled & _SINGLE

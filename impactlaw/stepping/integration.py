@@ -57,12 +57,17 @@ def check_input(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray) -
             not finite, or huge.
         SceneError: the timestep is not positive, or not finite.
     """
+    check_finite(data, state)
+    check_timestep(model.opt.timestep)
+
+
+def check_finite(data: mujoco.MjData, state: np.ndarray) -> None:
+    """Refuse a state, as saved, in which a number is not finite, or huge."""
     if not mujoco.mju_norm(state) <= _HUGE:
         for name in _INPUT:
             values = np.asarray(getattr(data, name))
             if values.size and not np.abs(values).max() <= _HUGE:
                 raise DivergenceError(f"{name} is not finite, or huge, at t = {data.time:.6g} s")
-    check_timestep(model.opt.timestep)
 
 
 def check_timestep(timestep: float) -> None:

@@ -12,6 +12,7 @@ import scipy
 from impactlaw.mechanics.kinetic_metric import solve_rows
 from impactlaw.scene.contacts import mass_matrix, update_positions
 from impactlaw.scene.moving_surfaces import Surfaces
+from impactlaw.scene.options import BorrowedOptions
 from impactlaw.stepping.integration import implicit_inertia, locked_joints, restore_state, save_state
 
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
@@ -31,8 +32,8 @@ class Configuration:
 
     data: mujoco.MjData
 
-    def __init__(self, model: mujoco.MjModel, surfaces: Surfaces | None = None):
-        self.model, self.surfaces = model, surfaces
+    def __init__(self, model: mujoco.MjModel, options: BorrowedOptions, surfaces: Surfaces | None):
+        self.model, self.surfaces, self._options = model, surfaces, options
         self._current = self._factored = False
         self._known: np.ndarray | None = None  # what implicit damping adds to the diagonal of M, (nv,) ...
         self._phase: tuple[float, np.ndarray] | None = None  # ... or its source: duration and M of the phase
@@ -54,7 +55,7 @@ class Configuration:
     @property
     def is_rk4(self) -> bool:
         """Whether the integrator is RK4; the others are semi-implicit."""
-        return self.model.opt.integrator == _RK4
+        return self._options.integrator == _RK4
 
     def comply(self, stiffness: np.ndarray | None) -> None:
         """Replace M by ``M + J_eq^T D J_eq``: equality constraints respond to contact and give way, as MuJoCo's do.
@@ -73,7 +74,7 @@ class Configuration:
         Contact that is held during the phase acts within that integration. With M alone it would throw joints whose
         ``tau D`` is larger than M, and the forces that the next phase feels would not settle.
         """
-        if self.model.opt.integrator == _RK4:
+        if self.is_rk4:
             self._known = self._damping = self._phase = None
         else:
             self._phase = duration, self.data.M.copy()

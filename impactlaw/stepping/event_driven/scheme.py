@@ -50,7 +50,7 @@ from impactlaw.stepping.event_driven.overlap import open_jump, overlaps, push_ou
 from impactlaw.stepping.event_driven.rest_of_step import RestOfStep
 from impactlaw.stepping.event_driven.smooth_phase import SmoothPhases
 from impactlaw.stepping.impact_event import ImpactEvent, LazyEvents, together
-from impactlaw.stepping.integration import check_input, empty_state, no_room
+from impactlaw.stepping.integration import check_finite, check_timestep, empty_state, no_room
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.work import Work
 
@@ -123,7 +123,7 @@ class RigidStepping:
         state, events = self._configuration.save(self._before), []
         surfaces = self._surfaces
         motion = None if surfaces is None else surfaces.last_motion
-        check_input(self._model, data, state)
+        check_finite(data, state)
         waits = self._rest is not None and self._rest.waits(self._last)
         try:
             try:
@@ -173,6 +173,7 @@ class RigidStepping:
 
     def _step(self, data: mujoco.MjData, events: list[ImpactEvent], *, waits: bool) -> LazyEvents:
         timestep = self._options.timestep
+        check_timestep(timestep)
         if self._options.enabled & OVERRIDE:
             check_override(self._model, self._plan)
         end = data.time + timestep

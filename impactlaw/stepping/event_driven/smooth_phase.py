@@ -63,7 +63,7 @@ class SmoothPhases:
         self._passing, self.pairs = plan.passing, len(plan.pairs.geoms)
         self.farthest = self._travel.farthest
         self.options = self._detector.options
-        self.configuration = Configuration(model, self.surfaces)
+        self.configuration = Configuration(model, self.options, self.surfaces)
         self._dips = Dips(
             self.configuration,
             self._detector,
