@@ -74,7 +74,6 @@ class Detector:
         self.limits = Limits(model)
         self._bilateral = bilateral_constraints(model)
         self._has_bilateral = bool(self._bilateral.any())
-        self._has_faces = faces
         self._has_limits, self._limits_of_rows = bool(self.limits), self.limits.of_rows
         has = {"limits": self._limits_of_rows, "bilateral": self._has_bilateral}
         self.options = BorrowedOptions(model, corrected_geoms(model), convex=convex, **has)
@@ -156,17 +155,6 @@ class Detector:
         """
         self._collide(data, within)
         return Distances.of(data)
-
-    def gradients(self, data: mujoco.MjData) -> np.ndarray | None:
-        """Return the gap gradients of the pairs that MuJoCo has found last, in its order, (h, nv).
-
-        Return None if only `look` can tell: there are limits, several contacts on faces, or rows may be rounding.
-        """
-        if self._has_limits or self._has_faces:
-            return None
-        J = make_rows(self._model, data)
-        forget_rows(data)
-        return None if J is None or some_short(J) else J
 
     def is_at_limit(self, data: mujoco.MjData, within: float) -> bool:
         """Return whether a limit is near; if limits are read from constraint rows, whether any contact or limit is."""

@@ -104,27 +104,11 @@ class Dips:
             drift = 2.0 * self._travel.drift(duration)
             pairs = enumerate(zip(apart.geoms.tolist(), apart.distance.tolist(), strict=True))
             chosen = [k for k, ((i, j), gap) in pairs if limit < gap <= travel[i] + travel[j] + drift + SKIN]
-        found = self._look_for(apart, chosen, before, duration, reach)
-        if found is None:
+        if not chosen:
             return False
+        found = self._detect(reach)
         opens = _opens(found.gap, self._slopes(found.contact_velocity, before), duration, self._tolerance)
         return bool(np.count_nonzero(opens & (found.gap > self._near)))
-
-    def _look_for(
-        self, apart: Distances, chosen: list[int], before: np.ndarray, duration: float, within: float
-    ) -> ContactSet | None:
-        """Return all current contacts with a gap up to ``within``, m; None if no chosen pair has opened in a phase.
-
-        The pairs are given by their indices in ``apart``, which MuJoCo has found last.
-        """
-        if not chosen:
-            return None
-        J, surfaces = self._detector.gradients(self._configuration.data), self._configuration.surfaces
-        if J is not None and (surfaces is None or not surfaces.move):
-            gap, slope = apart.distance[chosen] - SKIN, self._slopes(J[chosen].dot, before)
-            if not np.count_nonzero(_opens(gap, slope, duration, self._tolerance)):
-                return None
-        return self._detect(within)
 
     def find(self, trial: TrialStep, state: np.ndarray, try_for: Callable[[float], TrialStep]) -> TrialStep | None:
         """Return a shorter trial in which a gap is negative that has opened again in this one; None if there is none.
@@ -144,10 +128,9 @@ class Dips:
         if apart is not None and (near.several or len(apart.distance) > count):
             new = self._new(apart, phase.start)
             may_dip = self._may_dip(apart, phase.start.frames, before, duration).tolist() if new else []
-            if new := [i for i in new if may_dip[i]]:
-                more = self._look_for(apart, new, before, duration, within)
-                found = now.contact_set if more is None else more
-                phase.work.look(len(apart.distance if more is None else more.gap))
+            if any(may_dip[i] for i in new):
+                found = self._detect(within)
+                phase.work.look(len(found.gap))
         sustained = trial.phase_end.sustained
         if found is now.contact_set and np.count_nonzero(sustained) == len(sustained):
             found = None
