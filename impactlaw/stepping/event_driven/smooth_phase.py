@@ -1,9 +1,6 @@
 """Smooth phases between collisions: how far a phase leads, which contacts stay closed, and when another gap closes.
 
-A phase is MuJoCo's integrator without contacts. It is tried, shortened if bodies travel further
-than they are thick (`travel.Travel`), and brought back to the contacts that stay closed (`persistent_contact`). If
-another gap fell below minus the tolerance, it is repeated up to the time at which that gap closes
-(`location.search.locate`). The same is done for a gap that has closed and opened again (`location.dips`).
+These are the steps 2 to 4 of `scheme`.
 """
 
 from __future__ import annotations
@@ -64,14 +61,7 @@ class SmoothPhases:
         self.farthest = self._travel.farthest
         self.options = self._detector.options
         self.configuration = Configuration(model, self.options, self.surfaces)
-        self._dips = Dips(
-            self.configuration,
-            self._detector,
-            self._travel,
-            pairs=self.pairs,
-            near=self._near,
-            tolerance=gap_tolerance,
-        )
+        self._dips = Dips(self.configuration, self._detector, self._travel, near=self._near, tolerance=gap_tolerance)
 
     @property
     def is_steady(self) -> bool:
@@ -241,9 +231,7 @@ class SmoothPhases:
             return pair if begun.to_half(middle).is_smooth(again(0.25 * trial.duration).least_gap(pair)) else None
         return None
 
-    def _try_safely(
-        self, state: np.ndarray, start: ContactState, duration: float, *, hold_all: bool = False
-    ) -> TrialStep:
+    def _try_safely(self, state: np.ndarray, start: ContactState, duration: float, *, hold_all: bool) -> TrialStep:
         """Advance by at most ``duration`` from a saved state, so that no body passes through another."""
         configuration = self.configuration
         while True:
@@ -277,14 +265,8 @@ class SmoothPhases:
         """
         found = self._match(phase)
         if found is None:
-            self.configuration.restore(state)
-            phase = phase._replace(start=phase.start._replace(force=None))
-            self.work.integrate()
-            self.advance(phase.duration)
-            now, known = self._look_and_match(phase)
-            self.work.look(len(known))
-        else:
-            now, known = found
+            return self._again(state, phase._replace(start=phase.start._replace(force=None)))(phase.duration)
+        now, known = found
         phase_end, keep = PhaseEnd(now, known, stays(now.gap, known, phase)), None
         held = phase_end.sustained if phase.start.force is not None else phase_end.sustained & now.closed
         if np.count_nonzero(held):

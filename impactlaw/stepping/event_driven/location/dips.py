@@ -29,27 +29,17 @@ _TRIALS = 12  # largest number of trial steps for the lowest point of one gap; s
 _TURNS = 0.1  # part of the longest turn up to which the nearest points of bodies stay in place
 _INNER = 0.02  # distance of a trial step from the ends of its bracket, as a part of the bracket
 _WIDE = 1e-2  # part of the scene's size above which the crude bound on motion is too wide for a look at contacts
-_WIDE_FOR_FEW = 5e-2  # the same if so few pairs of geoms can meet that hardly more of them are found
-_FEW = 20  # number of such pairs
 
 
 class Dips:
     """Finds the gaps that have closed and opened again within a phase."""
 
     def __init__(
-        self,
-        configuration: Configuration,
-        detector: Detector,
-        travel: Travel,
-        *,
-        pairs: int,
-        near: float,
-        tolerance: float,
+        self, configuration: Configuration, detector: Detector, travel: Travel, *, near: float, tolerance: float
     ):
         self._configuration, self._detector, self._travel = configuration, detector, travel
         self._near, self._tolerance = near, tolerance
         self._extent = float(configuration.model.stat.extent)
-        self._wide = (_WIDE if pairs > _FEW else _WIDE_FOR_FEW) * self._extent
 
     def is_clear(self, start: Frames | None, before: np.ndarray, duration: float) -> bool:
         """Return whether no contact is near now, nor can have been closed within the phase that has just ended.
@@ -256,11 +246,9 @@ class Dips:
         """Return a bound on how much closer two geoms can have come in a phase, m, at most the size of the scene."""
         after = self._configuration.data.qvel
         reach = self._travel.closing(before, after, duration)
-        if reach > self._wide:
+        if reach > _WIDE * self._extent:
             reach = min(reach, 2.0 * max(self._travel.by(before, after, duration).tolist(), default=0.0))
-        if self._configuration.surfaces is not None:
-            reach += 2.0 * self._travel.drift(duration)
-        return min(reach, self._extent)
+        return min(reach + 2.0 * self._travel.drift(duration), self._extent)
 
 
 def _opens(gap: np.ndarray, slope: np.ndarray, duration: float, tolerance: float) -> np.ndarray:
