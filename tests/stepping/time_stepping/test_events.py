@@ -171,7 +171,7 @@ def test_an_event_whose_friction_is_not_found_is_not_told_as_one_of_the_law(monk
     for place in ("stepping.time_stepping.events", "mechanics.friction_impact"):
         monkeypatch.setattr(f"impactlaw.{place}.solve_cones", _stopped)
     model, data = compiled(PILE, geom='friction=".4"')
-    stepper = stepping(model, Moreau(0.5), compiled="never")
+    stepper = stepping(model, Moreau(0.5))
     _, event = first_impact(stepper, data)
     assert event.projected
     assert event.impact.target_contact_velocity is None

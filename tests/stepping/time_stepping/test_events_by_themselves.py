@@ -26,10 +26,9 @@ FOUR_BARS = f"""<mujoco><option timestep=".002"/><worldbody><geom type="plane" s
     <body pos="0 0 -.3">{BAR.format(".3 0 0")}
       <body pos=".3 0 0">{BAR.format("0 0 .3")}<site name="b" pos="0 0 .3"/></body></body></body></worldbody>
   <equality><connect site1="a" site2="b"/><connect site1="b" site2="a"/></equality></mujoco>"""
-every_step = pytest.mark.parametrize("compiled", ["auto", "never"])
 
 
-@every_step
+@pytest.mark.parametrize("compiled", ["auto", "never"])
 def test_a_pole_that_jams_but_for_its_motor_is_not_told_with_what_the_motor_does(compiled):
     """It cannot bounce by itself: friction 1 at its lower end outweighs the force along its short lever."""
     model = mujoco.MjModel.from_xml_string(POLE)
@@ -44,11 +43,10 @@ def test_a_pole_that_jams_but_for_its_motor_is_not_told_with_what_the_motor_does
     assert stepper.sums.energy_change == pytest.approx(event.impact.energy_change)
 
 
-@every_step
 @pytest.mark.parametrize("state", JAMMED)
-def test_the_contacts_of_an_event_create_no_energy(state, compiled):
+def test_the_contacts_of_an_event_create_no_energy(state):
     model = mujoco.MjModel.from_xml_string(FIVE_BARS)
-    data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled)
+    data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.5), scheme="time-stepping")
     data.qpos[:], data.qvel[:] = np.split(np.array(state.split(), float), [model.nq])
     mujoco.mj_forward(model, data)
     stepper.step(data)
@@ -58,15 +56,14 @@ def test_the_contacts_of_an_event_create_no_energy(state, compiled):
     assert stepper.sums.energy_change == pytest.approx(sum(event.impact.energy_change for event in stepper.events))
 
 
-@every_step
 @pytest.mark.parametrize(
     ("angles", "speeds"),
     [((-1.86, -0.175, -0.997), (-4.394, -3.266, -1.898)), ((0.287, 1.058, -0.011), (6.251, 8.414, 6.901))],
 )
-def test_events_of_a_planar_linkage_that_is_open_can_be_read(angles, speeds, compiled):
+def test_events_of_a_planar_linkage_that_is_open_can_be_read(angles, speeds):
     """Nothing moves along one row of each of its connects, that across its plane: an island without joints."""
     model = mujoco.MjModel.from_xml_string(FOUR_BARS)
-    data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled)
+    data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.5), scheme="time-stepping")
     data.qpos[:], data.qvel[:] = angles, speeds
     mujoco.mj_forward(model, data)
     stepper.step(data)
@@ -112,15 +109,14 @@ def driven_slides(slides, mass):
     )
 
 
-@every_step
 @pytest.mark.parametrize("name", ALL_BUT_FIXED)
-def test_limits_that_constraints_all_but_fix_have_impulses_of_the_size_of_the_momentum(name, compiled):
+def test_limits_that_constraints_all_but_fix_have_impulses_of_the_size_of_the_momentum(name):
     """Several limits hold one hinge from both sides, by slides that it moves by some 1e-4 m per radian."""
     slides, mass, *state = ALL_BUT_FIXED[name]
     model, data = driven_slides(slides, mass)
     data.qpos[:], data.qvel[:], data.ctrl[:] = state
     mujoco.mj_forward(model, data)
-    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled)
+    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping")
     stepper.step(data)
     sums, (event,) = stepper.sums, stepper.events
     impact = event.impact

@@ -6,11 +6,8 @@ import pytest
 
 from impactlaw import Moreau, Stepper
 
-ways = pytest.mark.parametrize("compiled", ["auto", "never"])
 
-
-@ways
-def test_boxes_that_fall_together_have_no_rows(compiled):
+def test_boxes_that_fall_together_have_no_rows():
     """Regression: 27 boxes 2 mm apart that fall at 10 m/s had 972 rows, since each moves by 2 cm in a step."""
     places = 0.022 * np.stack(np.meshgrid(*[range(3)] * 3), -1).reshape(-1, 3) + [0, 0, 20]
     boxes = "".join(
@@ -21,7 +18,7 @@ def test_boxes_that_fall_together_have_no_rows(compiled):
     )
     data = mujoco.MjData(model)
     data.qvel[2::6] = -10.0
-    stepper, most = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled), 0
+    stepper, most = Stepper(model, Moreau(0.5), scheme="time-stepping"), 0
     for _ in range(50):
         stepper.step(data)
         most = max(most, data.nefc)
@@ -29,8 +26,7 @@ def test_boxes_that_fall_together_have_no_rows(compiled):
     assert data.qvel[2::6] == pytest.approx(-10.0 - 0.1 * 9.81)
 
 
-@ways
-def test_a_force_that_is_switched_on_closes_contacts_left_out(compiled):
+def test_a_force_that_is_switched_on_closes_contacts_left_out():
     """Bodies at rest are .12 mm apart, farther than gravity moves one of them in a step."""
     number, gap, force = 20, 1.2e-4, 200.0
     ball = '<joint name="{}{}" type="slide" axis="1 0 0"/><geom size=".01" mass="1"/>'
@@ -45,7 +41,7 @@ def test_a_force_that_is_switched_on_closes_contacts_left_out(compiled):
     )
     data = mujoco.MjData(model)
     data.ctrl[:] = force
-    stepper = Stepper(model, Moreau(0.0), scheme="time-stepping", compiled=compiled)
+    stepper = Stepper(model, Moreau(0.0), scheme="time-stepping")
     for _ in range(3):
         stepper.step(data)
     assert stepper.short_steps == 0
@@ -53,9 +49,8 @@ def test_a_force_that_is_switched_on_closes_contacts_left_out(compiled):
     assert data.qfrc_constraint == pytest.approx(np.tile([-force, force], number))
 
 
-@ways
 @pytest.mark.parametrize("gap", [5e-4, 1e-3, 5e-3])
-def test_rows_of_balls_that_move_together_come_back_from_a_wall(compiled, gap):
+def test_rows_of_balls_that_move_together_come_back_from_a_wall(gap):
     """No two balls approach each other before the first one meets the wall; equal balls then exchange velocities."""
     rows, number = 6, 3
     balls = "".join(
@@ -70,7 +65,7 @@ def test_rows_of_balls_that_move_together_come_back_from_a_wall(compiled, gap):
     )
     data = mujoco.MjData(model)
     data.qvel[:] = -1.0
-    stepper, least = Stepper(model, Moreau(1.0), scheme="time-stepping", compiled=compiled), 1.0
+    stepper, least = Stepper(model, Moreau(1.0), scheme="time-stepping"), 1.0
     for _ in range(40):
         stepper.step(data)
         least = min(least, gap + np.diff(data.qpos.reshape(rows, number)).min())

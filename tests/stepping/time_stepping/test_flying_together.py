@@ -20,14 +20,13 @@ def slabs(gravity):
     return mujoco.MjModel.from_xml_string(f"<mujoco>{option}<worldbody>{FLOOR}{bodies}</worldbody></mujoco>")
 
 
-@pytest.mark.parametrize("compiled", ["auto", "never"])
 @pytest.mark.parametrize("gravity", [0.0, 9.81])
-def test_steps_in_flight_are_easy(gravity, compiled):
+def test_steps_in_flight_are_easy(gravity):
     """The way is that of a point, without rounding in MuJoCo's sums; no problem is hard, and no step misses the law."""
     model = slabs(gravity)
     data, start = mujoco.MjData(model), np.tile([0.3, 0.1, 0.0, 0.0, 0.0, 0.0], SLABS)
     data.qvel[:] = start
-    stepper = stepping(model, Moreau(0.0), compiled=compiled)
+    stepper = stepping(model, Moreau(0.0))
     for _ in range(100):
         stepper.step(data)
         assert data.ncon == 16 * (SLABS - 1)

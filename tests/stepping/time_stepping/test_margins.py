@@ -150,8 +150,7 @@ def test_what_meets_within_a_step_is_found_at_its_start(trees):
     assert met > 20
 
 
-@pytest.mark.parametrize("how", ["auto", "never"])
-def test_a_robot_that_falls_fast_finds_no_contacts_between_its_own_parts(how):
+def test_a_robot_that_falls_fast_finds_no_contacts_between_its_own_parts():
     """Parts 3 mm apart fall at 5 m/s, which is 5 mm per step, and turn together."""
     parts = "".join(
         f'<body pos="{0.043 * (i + 1)} 0 0"><joint axis="0 0 1" damping="1"/><geom size=".02"/></body>'
@@ -160,7 +159,7 @@ def test_a_robot_that_falls_fast_finds_no_contacts_between_its_own_parts(how):
     world = f'<body name="palm" pos="0 0 9"><freejoint/><geom size=".02" mass="5"/>{parts}</body>'
     model, data = compiled(world + FLOOR, option=f'timestep="{H}"')
     data.qvel[:6] = 0.0, 0.0, -5.0, 0.0, 0.0, 3.0
-    stepper = stepping(model, Moreau(0.5), compiled=how)
+    stepper = stepping(model, Moreau(0.5))
     for _ in range(20):
         stepper.step(data)
         assert data.ncon == 0
@@ -176,14 +175,13 @@ def hand(side):
     return f'<body pos="{side * 0.2} 0 0">{arm}<body pos="{side * 0.6} 0 0">{fingers}</body></body>'
 
 
-@pytest.mark.parametrize("how", ["auto", "never"])
-def test_fingers_of_two_hands_that_swing_find_the_wall_but_not_each_other(how):
+def test_fingers_of_two_hands_that_swing_find_the_wall_but_not_each_other():
     """Hands swing against each other at 12 m/s, which is 12 mm per step, on a body that stays where it is."""
     wall = '<geom name="wall" type="box" size=".2 .01 .2" pos=".8 .25 0"/>'
     world = f'<body><joint type="slide"/><geom size=".05" mass="1e3"/>{hand(1)}{hand(-1)}</body>{wall}'
     model, data = compiled(world, option=f'timestep="{H}" gravity="0 0 0"')
     data.qvel[[1, 32]] = 20.0, -20.0
-    stepper = stepping(model, Moreau(0.5), compiled=how)
+    stepper = stepping(model, Moreau(0.5))
     for _ in range(8):
         stepper.step(data)
     assert data.maxuse_con == 0
@@ -192,8 +190,7 @@ def test_fingers_of_two_hands_that_swing_find_the_wall_but_not_each_other(how):
     assert data.maxuse_con < 12
 
 
-@pytest.mark.parametrize("how", ["auto", "never"])
-def test_a_part_that_the_floor_throws_hits_its_neighbour(how):
+def test_a_part_that_the_floor_throws_hits_its_neighbour():
     """A finger lands at 5 m/s with its palm 4 mm above it: thrown back, it stops the palm within the same step.
 
     Before the collision there is no relative motion, so that their contact is only found after the floor has thrown the
@@ -203,7 +200,7 @@ def test_a_part_that_the_floor_throws_hits_its_neighbour(how):
     palm = f'<body pos="0 0 .0661"><joint type="slide" axis="0 0 1"/><geom name="palm" size=".02" mass="1"/>{finger}'
     model, data = compiled(palm + "</body>" + FLOOR, '<option><flag filterparent="disable"/></option>')
     data.qvel[:] = -5.0, 0.0
-    stepper = stepping(model, Moreau(1.0), compiled=how)
+    stepper = stepping(model, Moreau(1.0))
     labels = set()
     for _ in range(2):
         stepper.step(data)

@@ -12,9 +12,8 @@ SCENE = """<mujoco><worldbody><geom type="plane" size="5 5 1"/>
   <sensor><accelerometer site="s"/><subtreelinvel body="box"/><force site="s"/></sensor></mujoco>"""
 
 
-@pytest.mark.parametrize("compiled", ["auto", "never"])
 @pytest.mark.parametrize("asked", [False, True])
-def test_sensors_are_those_of_this_step(compiled, asked):
+def test_sensors_are_those_of_this_step(asked):
     model = mujoco.MjModel.from_xml_string(SCENE)
     data = mujoco.MjData(model)
     data.qvel[:] = [1, 0, 0, 3, 2, 1]
@@ -22,7 +21,7 @@ def test_sensors_are_those_of_this_step(compiled, asked):
         mujoco.mj_forward(model, data)
         mujoco.mj_rnePostConstraint(model, data)
         mujoco.mj_subtreeVel(model, data)
-    stepper = Stepper(model, Moreau(0.0), scheme="time-stepping", compiled=compiled)
+    stepper = Stepper(model, Moreau(0.0), scheme="time-stepping")
     for _ in range(100):
         before = data.qvel[:3].copy()
         stepper.step(data)
@@ -46,12 +45,11 @@ FLAP = """<mujoco><compiler angle="radian"/><worldbody><body><joint name="j" axi
 """A flap held at its upper limit by its weight."""
 
 
-@pytest.mark.parametrize("compiled", ["auto", "never"])
 @pytest.mark.parametrize("scene", [ROPE, FLAP], ids=["rope", "flap"])
-def test_sensors_of_limits_see_the_limit_that_holds(scene, compiled):
+def test_sensors_of_limits_see_the_limit_that_holds(scene):
     model = mujoco.MjModel.from_xml_string(scene)
     theirs, data = mujoco.MjData(model), mujoco.MjData(model)
-    stepper = Stepper(model, Moreau(0.0), scheme="time-stepping", compiled=compiled)
+    stepper = Stepper(model, Moreau(0.0), scheme="time-stepping")
     for _ in range(1500):
         mujoco.mj_step(model, theirs)
         stepper.step(data)
@@ -59,10 +57,9 @@ def test_sensors_of_limits_see_the_limit_that_holds(scene, compiled):
     assert abs(data.sensordata[1]) < 1e-6
 
 
-@pytest.mark.parametrize("compiled", ["auto", "never"])
-def test_sensors_of_limits_that_are_far_say_nothing(compiled):
+def test_sensors_of_limits_that_are_far_say_nothing():
     model = mujoco.MjModel.from_xml_string(FLAP)
     model.opt.gravity[:] = 0.0
     data = mujoco.MjData(model)
-    Stepper(model, Moreau(0.0), scheme="time-stepping", compiled=compiled).step(data)
+    Stepper(model, Moreau(0.0), scheme="time-stepping").step(data)
     assert (data.sensordata == 0.0).all()

@@ -18,13 +18,12 @@ def scene(memory: str) -> mujoco.MjModel:
     )
 
 
-@pytest.mark.parametrize("compiled", ["never", "auto"])
 @pytest.mark.parametrize("memory", ["60K", "80K", "100K"])
-def test_an_error_of_mujoco_in_compiled_code_is_an_exception_and_loses_nothing(memory, compiled):
+def test_an_error_of_mujoco_in_compiled_code_is_an_exception_and_loses_nothing(memory):
     """With these sizes distances of bodies or rows of contacts at the end of a step do not fit."""
     model = scene(memory)
     one, other = mujoco.MjData(model), mujoco.MjData(model)
-    stepper = Stepper(model, Moreau(0.3), scheme="time-stepping", compiled=compiled)
+    stepper = Stepper(model, Moreau(0.3), scheme="time-stepping")
     one.qvel[:] = 8.0 * np.random.default_rng(0).normal(size=model.nv)
     before = np.empty(0)
     with pytest.raises(mujoco.FatalError, match="out of memory"):
@@ -36,15 +35,14 @@ def test_an_error_of_mujoco_in_compiled_code_is_an_exception_and_loses_nothing(m
     one.qvel[:], one.qpos[:] = 0.0, model.qpos0
     one.qpos[2::7] += 3.0 * np.arange(8)  # nothing touches for a while
     other.qpos[:], other.time = one.qpos, one.time
-    fresh = Stepper(model, Moreau(0.3), scheme="time-stepping", compiled=compiled)
+    fresh = Stepper(model, Moreau(0.3), scheme="time-stepping")
     for _ in range(10):
         stepper.step(one)
         fresh.step(other)
     assert np.array_equal(one.qpos, other.qpos)
 
 
-@pytest.mark.parametrize("compiled", ["never", "auto"])
-def test_tendons_keep_their_ranges_where_margins_are_reduced_for_lack_of_room(compiled):
+def test_tendons_keep_their_ranges_where_margins_are_reduced_for_lack_of_room():
     """Rows of contacts do not fit: margins become smaller, as does what lies beside them in memory if it is scaled."""
     boxes = (
         f'<body pos="{0.25 * (i % 6)} {0.25 * (i // 6)} .12"><freejoint/><geom type="box" size=".1 .1 .1"/></body>'
@@ -59,7 +57,7 @@ def test_tendons_keep_their_ranges_where_margins_are_reduced_for_lack_of_room(co
     data = mujoco.MjData(model)
     data.qpos[-1], data.qvel[-1] = 0.8, 0.1
     data.qvel[2:-1:6] = -1.0
-    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled)
+    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping")
     for _ in range(3):
         stepper.step(data)
     assert data.warning[mujoco.mjtWarning.mjWARN_CNSTRFULL].number > 0

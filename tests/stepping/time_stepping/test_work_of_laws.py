@@ -27,7 +27,7 @@ def stepper_and_data(n: int) -> tuple[Stepper, mujoco.MjData]:
     model = boxes(n)
     data = mujoco.MjData(model)
     data.qvel[:] = 0.5 * np.random.default_rng(0).normal(size=model.nv)
-    return Stepper(model, Poisson(0.9), scheme="time-stepping", compiled="never"), data
+    return Stepper(model, Poisson(0.9), scheme="time-stepping"), data
 
 
 def test_a_block_of_boxes_takes_no_longer_than_it_may(monkeypatch: pytest.MonkeyPatch):

@@ -19,11 +19,11 @@ LAWS = {
 }
 
 
-def energies(model, data, law, duration, **options):
+def energies(model, data, law, duration):
     """Return the energy at the start and after every step."""
     model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
     mujoco.mj_forward(model, data)
-    stepper, seen = stepping(model, law, **options), [data.energy.sum()]
+    stepper, seen = stepping(model, law), [data.energy.sum()]
     for _ in range(round(duration / model.opt.timestep)):
         stepper.step(data)
         seen.append(data.energy.sum())
@@ -144,8 +144,7 @@ def test_a_limb_of_ball_joints_that_spins_fast_keeps_finite_energy():
     assert seen.max() < 2.5 * seen[0]
 
 
-@pytest.mark.parametrize("compiled_steps", ["auto", "never"])
-def test_an_elastic_body_off_its_centre_of_mass_gains_to_second_order(compiled_steps):
+def test_an_elastic_body_off_its_centre_of_mass_gains_to_second_order():
     """Its mass matrix depends on its orientation, and takes part in the collision."""
     gains = []
     for timestep in (4e-3, 2e-3, 1e-3):
@@ -155,7 +154,7 @@ def test_an_elastic_body_off_its_centre_of_mass_gains_to_second_order(compiled_s
             <geom type="box" size=".05 .1 .3" pos=".05 0 .05"/></body>"""
         )
         model, data = compiled(world, option=f'timestep="{timestep}"', geom='condim="1"')
-        seen = energies(model, data, Moreau(1.0), 1.2, compiled=compiled_steps)
+        seen = energies(model, data, Moreau(1.0), 1.2)
         gains.append(abs(seen / seen[0] - 1).max())
     assert gains[1] < 2e-4
     assert gains[0] / gains[2] > 8
@@ -186,13 +185,12 @@ def test_a_limit_of_a_link_far_heavier_than_its_base_makes_no_energy():
     assert total_growth(seen, seen[0]) < 0.01
 
 
-@pytest.mark.parametrize("compiled_steps", ["auto", "never"])
-def test_what_turns_too_fast_for_the_timestep_still_falls(compiled_steps):
+def test_what_turns_too_fast_for_the_timestep_still_falls():
     world = """<body pos="0 0 5"><freejoint/><geom type="box" size=".01 .05 .1" pos=".02 .01 0"/></body>
         <body pos="5 0 5"><freejoint/><geom type="box" size=".01 .05 .1"/></body>"""
     model, data = compiled(world, option='timestep="5e-3"')
     data.qvel[3:6] = data.qvel[9:12] = 300.0, 200.0, -400.0
-    seen = energies(model, data, Moreau(0.5), 0.5, compiled=compiled_steps)
+    seen = energies(model, data, Moreau(0.5), 0.5)
     kinetic = seen - model.body_mass[1:].sum() * 9.81 * 5
     assert kinetic.max() <= kinetic[0] * (1 + 1e-9)
     assert data.xipos[2, 2] == pytest.approx(5 - 0.5 * 9.81 * 0.25, abs=0.01)
@@ -209,15 +207,14 @@ ELBOW = """<body><joint axis="0 0 1"/><geom type="capsule" fromto="0 0 0 .3 0 0"
 """The rotation holds an elbow at its limit."""
 
 
-@pytest.mark.parametrize("compiled_steps", ["auto", "never"])
 @pytest.mark.parametrize(("world", "speed", "part"), [(BEAD, 1.0, 5e-5), (ELBOW, 30.0, 0.02)])
-def test_contact_that_is_held_in_a_turning_frame_does_no_work(world, speed, part, compiled_steps):
+def test_contact_that_is_held_in_a_turning_frame_does_no_work(world, speed, part):
     errors = []
     for timestep in (4e-3, 2e-3, 1e-3):
         option = f'gravity="0 0 0" timestep="{timestep}"'
         model, data = compiled(world, option=option, geom='contype="0" conaffinity="0"')
         data.qvel[0] = speed
-        seen = energies(model, data, Moreau(0.0), 0.5, compiled=compiled_steps)
+        seen = energies(model, data, Moreau(0.0), 0.5)
         errors.append(abs(seen[-1] / seen[0] - 1))
     assert errors[0] < part
     assert errors[0] / errors[2] > 8
@@ -267,8 +264,7 @@ def test_links_that_turn_by_a_radian_in_a_step_gain_no_energy():
     assert growth(seen, seen[0]) <= 1e-9
 
 
-@pytest.mark.parametrize("compiled_steps", ["auto", "never"])
-def test_what_turns_too_fast_leaves_others_alone(compiled_steps):
+def test_what_turns_too_fast_leaves_others_alone():
     link = '<joint axis="0 1 0"/><geom type="capsule" fromto="0 0 0 .5 0 0" size=".03"/>'
     pendulum = f'<body pos="0 0 2">{link}<body pos=".5 0 0">{link}</body></body>'
     spinning = '<body pos="50 0 5"><freejoint/><geom type="box" size=".1 .2 .05"/></body>'
@@ -277,7 +273,7 @@ def test_what_turns_too_fast_leaves_others_alone(compiled_steps):
         model, data = compiled(world, option='timestep="2e-3"', geom='contype="0" conaffinity="0"')
         if model.nv > 2:
             data.qvel[-3:] = 600.0, 60.0, 120.0
-        stepper = stepping(model, Moreau(0.0), compiled=compiled_steps)
+        stepper = stepping(model, Moreau(0.0))
         for _ in range(250):
             stepper.step(data)
         found.append(data.qpos[:2].copy())

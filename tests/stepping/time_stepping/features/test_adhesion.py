@@ -43,18 +43,16 @@ def test_adhesion_presses_a_box_to_a_wall_by_friction():
     assert data.qpos[:3] == pytest.approx([0, 0, 0], abs=1e-6)
 
 
-@pytest.mark.parametrize("how", ["auto", "never"])
 @pytest.mark.parametrize(("away", "pulled"), [(0.018, True), (0.021, False), (0.035, False)])
-def test_adhesion_reaches_as_far_as_the_gaps_of_both(away, pulled, how):
+def test_adhesion_reaches_as_far_as_the_gaps_of_both(away, pulled):
     world = f"""<geom type="box" size="1 1 .1" pos="0 0 .1" gap=".01" adhesion="15"/><body pos="0 0 {-0.1 - away}">
         <freejoint/><geom size=".1" mass="1" gap=".01" adhesion="15"/></body>"""
     model, data = compiled(world, option='gravity="0 0 0"')
-    run(stepping(model, Moreau(0), compiled=how), data, 10)
+    run(stepping(model, Moreau(0)), data, 10)
     assert (data.qvel[2] > 0.1) == pulled
 
 
-@pytest.mark.parametrize("how", ["auto", "never"])
-def test_what_a_collision_throws_is_looked_for_though_another_geom_of_it_has_a_gap(how):
+def test_what_a_collision_throws_is_looked_for_though_another_geom_of_it_has_a_gap():
     """A ball is hit, and thrown at a wall within the step; only a pad of the ball that never touches has a `gap`."""
     world = """<body><joint type="slide" axis="1 0 0"/><geom name="a" size=".05" mass="1"/></body>
         <body name="b" pos=".12 0 0"><joint type="slide" axis="1 0 0"/><geom name="b" size=".05" mass="1"/>
@@ -63,7 +61,7 @@ def test_what_a_collision_throws_is_looked_for_though_another_geom_of_it_has_a_g
     sticks = '<actuator><adhesion body="b" ctrlrange="0 1" gain="1"/></actuator>'
     model, data = compiled(world, sticks, option='gravity="0 0 0" timestep=".01"', geom='condim="1"')
     data.qvel[0] = 10.0
-    stepper = stepping(model, Moreau(1.0), compiled=how)
+    stepper = stepping(model, Moreau(1.0))
     stepper.step(data)
     assert [event.contacts.labels for event in stepper.events] == [("a/b",), ("wall/b",), ("a/b",)]
     assert data.qpos[1] == pytest.approx(0.0, abs=1e-9)

@@ -2,7 +2,6 @@
 
 import mujoco
 import numpy as np
-import pytest
 
 from impactlaw import Batch, Moreau, Stepper
 
@@ -29,13 +28,13 @@ def grow_model(model):
     grow({name: getattr(model, name) for name in ("geom_size", "geom_rbound")})
 
 
-def spun(compiled, *, late):
+def spun(*, late):
     """Return the states of a rod that spins and hits the floor; it grows before its stepper is made, or later."""
     model = mujoco.MjModel.from_xml_string(_ROD)
     data = mujoco.MjData(model)
     if not late:
         grow_model(model)
-    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled)
+    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping")
     if late:
         grow_model(model)
     data.qvel[4], states = 40.0, []
@@ -45,9 +44,8 @@ def spun(compiled, *, late):
     return np.array(states)
 
 
-@pytest.mark.parametrize("compiled", ["auto", "never"])
-def test_a_body_that_grows_later_hits_as_one_that_was_so_large(compiled):
-    np.testing.assert_array_equal(spun(compiled, late=True), spun(compiled, late=False))
+def test_a_body_that_grows_later_hits_as_one_that_was_so_large():
+    np.testing.assert_array_equal(spun(late=True), spun(late=False))
 
 
 def test_bodies_that_are_larger_in_some_worlds():
@@ -56,7 +54,7 @@ def test_bodies_that_are_larger_in_some_worlds():
     batch.bind("qvel")[:, 4] = 40.0
     batch.step(nstep=50)
     states = np.hstack([batch.bind("qpos"), batch.bind("qvel")])
-    expected = spun("auto", late=False)[-1]
+    expected = spun(late=False)[-1]
     np.testing.assert_array_equal(states[1:], [expected, expected])
     assert abs(states[0] - expected).max() > 1.0
 
@@ -80,13 +78,13 @@ def turned(step):
     return [np.cos(0.025 * step), 0.0, 0.0, np.sin(0.025 * step)]
 
 
-def struck(options, *, late):
+def struck(*, late):
     """Return the velocity of a ball struck by a paddle, which grows before its stepper is made, or later."""
     model = mujoco.MjModel.from_xml_string(_PADDLE)
     data, fields = mujoco.MjData(model), {name: getattr(model, name) for name in _SHAPE}
     if not late:
         lengthen(fields)
-    stepper = Stepper(model, Moreau(0.5), **options)
+    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping")
     if late:
         lengthen(fields)
     for step in range(60):
@@ -95,12 +93,10 @@ def struck(options, *, late):
     return data.qvel.copy()
 
 
-@pytest.mark.parametrize("options", [{"compiled": "auto"}, {"compiled": "never"}], ids=["compiled", "python"])
-def test_a_moving_surface_that_grows_later_strikes_as_one_that_was_so_large(options):
-    options = {"scheme": "time-stepping"} | options
-    expected = struck(options, late=False)
+def test_a_moving_surface_that_grows_later_strikes_as_one_that_was_so_large():
+    expected = struck(late=False)
     assert np.linalg.norm(expected[:3]) > 10.0
-    np.testing.assert_array_equal(struck(options, late=True), expected)
+    np.testing.assert_array_equal(struck(late=True), expected)
 
 
 def test_moving_surfaces_that_are_larger_in_some_worlds():
@@ -109,5 +105,5 @@ def test_moving_surfaces_that_are_larger_in_some_worlds():
     for step in range(60):
         batch.bind("mocap_quat")[:, 0] = turned(step + 1)
         batch.step()
-    expected = struck({"scheme": "time-stepping"}, late=False)
+    expected = struck(late=False)
     np.testing.assert_array_equal(batch.bind("qvel"), [np.zeros(6), expected, expected])

@@ -76,23 +76,21 @@ def test_equality_constraints_that_are_off_hold_nothing():
     assert data.qvel[0] == pytest.approx(-data.qvel[1], abs=0.05)
 
 
-@pytest.mark.parametrize("compiled_steps", ["auto", "never"])
 @pytest.mark.parametrize("pitch", [0.03, 0.05])
-def test_a_screw_that_slips_a_little_bounces_with_its_spin(pitch, compiled_steps):
+def test_a_screw_that_slips_a_little_bounces_with_its_spin(pitch):
     """MuJoCo's coupling slips by 1 and 2 % of the fall, but in the collision it acts as one mass m + I / p^2."""
     screw = """<body pos="0 0 .5"><joint name="z" type="slide" axis="0 0 1"/><joint name="turn" axis="0 0 1"/>
         <geom size=".1" mass="1" friction="0"/></body>"""
     rest = f'<equality><joint joint1="z" joint2="turn" polycoef="0 {pitch} 0 0 0"/></equality>'
     model, data = compiled(FLOOR + screw, rest, option='timestep="5e-4"', geom='friction="0" condim="1"')
-    before, _ = first_impact(stepping(model, Moreau(0.5), compiled=compiled_steps), data)
+    before, _ = first_impact(stepping(model, Moreau(0.5)), data)
     assert abs(before[0] - pitch * before[1]) > -0.01 * before[0]
     assert data.qvel[0] == pytest.approx(-0.5 * before[0], abs=1e-9)
     assert pitch * data.qvel[1] == pytest.approx(data.qvel[0], abs=-0.05 * before[0])
 
 
-@pytest.mark.parametrize("how", ["auto", "never"])
 @pytest.mark.parametrize("diagonal", ["enable", "disable"])
-def test_a_soft_constraint_is_as_soft_as_in_mujoco(diagonal, how):
+def test_a_soft_constraint_is_as_soft_as_in_mujoco(diagonal):
     """MuJoCo scales softness by the diagonal of J M^-1 J^T, which is approximate unless the flag makes it exact."""
     model = mujoco.MjModel.from_xml_string(
         f"""<mujoco><option timestep=".001"><flag diagexact="{diagonal}"/></option><worldbody>{FLOOR}
@@ -102,7 +100,7 @@ def test_a_soft_constraint_is_as_soft_as_in_mujoco(diagonal, how):
         <equality><joint joint1="a" joint2="b" solref=".1 1" solimp=".5 .5 .1"/></equality></mujoco>"""
     )
     data, expected = mujoco.MjData(model), mujoco.MjData(model)
-    stepper = Stepper(model, Moreau(0.0), scheme="time-stepping", compiled=how)
+    stepper = Stepper(model, Moreau(0.0), scheme="time-stepping")
     for _ in range(100):
         stepper.step(data)
         mujoco.mj_step(model, expected)

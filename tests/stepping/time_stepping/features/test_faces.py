@@ -18,10 +18,9 @@ PLANES = np.zeros(3, np.int32), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3,
 BOTH, SECOND = np.array([0, 1], np.int32), np.array([-1, 0], np.int32)  # indices of bodies with degrees of freedom
 
 
-@pytest.mark.parametrize("compiled", ["auto", "never"])
-def test_a_table_that_comes_down_on_four_feet_is_held_without_friction(compiled):
+def test_a_table_that_comes_down_on_four_feet_is_held_without_friction():
     model = mujoco.MjModel.from_xml_string(TABLE)
-    data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.0), scheme="time-stepping", compiled=compiled)
+    data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.0), scheme="time-stepping")
     data.qpos[3:7] = 1.0, 0.5e-5, 1e-5, 0.0  # feet are up to 3e-6 m above the floor
     mujoco.mj_kinematics(model, data)
     data.qpos[2] -= data.geom_xpos[2:, 2].min() - 0.005
@@ -71,10 +70,9 @@ def test_points_far_above_what_does_not_move_are_on_the_body():
     assert _leveled([4e-3, 2e-3], [2e-3, 1e-3], move=SECOND, condim=1) == (False, [2e-3, 1e-3])
 
 
-@pytest.mark.parametrize("compiled", ["auto", "never"])
 @pytest.mark.parametrize("start", [0.0, 0.3, 0.6, 0.9])  # part of a step at which it hits
 @pytest.mark.parametrize("on_a_box", [False, True])
-def test_a_ball_that_bounces_and_sticks_gets_the_spin_of_its_radius(start, on_a_box, compiled):
+def test_a_ball_that_bounces_and_sticks_gets_the_spin_of_its_radius(start, on_a_box):
     """Jump of a solid sphere that sticks: -2/7 of its speed along the floor, and the spin with which it rolls."""
     h, r, fall, along = 0.005, 0.02, 4.0, 3.0
     ball = f'<body><freejoint/><geom size="{r}" mass="1"/></body>'
@@ -83,7 +81,7 @@ def test_a_ball_that_bounces_and_sticks_gets_the_spin_of_its_radius(start, on_a_
         floor = '<geom type="box" size="9 9 .5" pos="0 0 -.5" friction="3"/>'
     option = f'<option timestep="{h}" gravity="0 0 0"/>'
     model = mujoco.MjModel.from_xml_string(f"<mujoco>{option}<worldbody>{floor}{ball}</worldbody></mujoco>")
-    data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled)
+    data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.5), scheme="time-stepping")
     data.qpos[2], data.qvel[[0, 2]] = r + fall * h * (2.0 + start), (along, -fall)
     for _ in range(6):
         stepper.step(data)

@@ -15,7 +15,7 @@ _SHAPES = {
 SPEED = 1.0  # m/s
 
 
-def _hit(shape, tilt, compiled):
+def _hit(shape, tilt):
     """Let a long shape fall across an edge; return its velocity, the normals of contact, and the direction it has.
 
     The edge is along y, at x = 0, and the shape is nearly along x. It is turned by ``tilt``, rad, about y. The block is
@@ -34,16 +34,15 @@ def _hit(shape, tilt, compiled):
     mujoco.mj_kinematics(model, data)
     data.qpos[:3] -= (mujoco.mj_geomDistance(model, data, 0, 1, 1.0, None) - gap) * up
     data.qvel[:3] = -SPEED * up
-    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled)
+    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping")
     while not stepper.events and data.time < 2 * gap / SPEED:
         stepper.step(data)
     return data.qvel, stepper.events[0].contacts.normal, up
 
 
-@pytest.mark.parametrize("compiled", ["auto", "never"])
 @pytest.mark.parametrize("shape", _SHAPES)
 @pytest.mark.parametrize("tilt", [0.04, 0.1])
-def test_an_edge_pushes_along_the_normal_of_what_lies_across_it(shape, tilt, compiled):
-    velocity, normal, up = _hit(shape, tilt, compiled)
+def test_an_edge_pushes_along_the_normal_of_what_lies_across_it(shape, tilt):
+    velocity, normal, up = _hit(shape, tilt)
     np.testing.assert_allclose(normal, np.broadcast_to(up, normal.shape), rtol=0.0, atol=1e-6)
     np.testing.assert_allclose(np.cross(velocity[:3], up), 0.0, rtol=0.0, atol=1e-6 * SPEED)

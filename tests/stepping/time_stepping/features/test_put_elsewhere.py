@@ -18,8 +18,8 @@ _PUT = """<mujoco>
 
 @pytest.mark.parametrize(
     "options",
-    [{"scheme": "time-stepping"}, {"scheme": "time-stepping", "compiled": "never"}, {"scheme": "event-driven"}],
-    ids=["compiled", "python", "event-driven"],
+    [{"scheme": "time-stepping"}, {"scheme": "event-driven"}],
+    ids=["time-stepping", "event-driven"],
 )
 def test_what_is_put_somewhere_else_does_not_strike(options):
     """A box is put beside another one at rest: it comes from 2 m away in one step, and stands there."""
@@ -33,10 +33,9 @@ def test_what_is_put_somewhere_else_does_not_strike(options):
     np.testing.assert_allclose(data.qpos[:3], [0.0, 0.0, 0.1], atol=1e-6)
 
 
-@pytest.mark.parametrize("compiled", ["auto", "never"])
-def test_what_moves_fast_but_not_farther_than_it_is_large_strikes(compiled):
+def test_what_moves_fast_but_not_farther_than_it_is_large_strikes():
     model = mujoco.MjModel.from_xml_string(_PUT)
-    data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled)
+    data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.5), scheme="time-stepping")
     data.mocap_pos[0] = [0.45, 0.0, 0.1]
     stepper.step(data)
     for step in range(3):

@@ -18,9 +18,8 @@ _MISSED = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("compiled", ["auto", "never"])
 @pytest.mark.parametrize("start", _MISSED)
-def test_overlap_of_boxes_that_mujoco_has_not_seen_is_counted(start, compiled):
+def test_overlap_of_boxes_that_mujoco_has_not_seen_is_counted(start):
     sizes, turns, (place, velocity, spin, other_spin) = start[:2], start[2:4], start[4:]
     bodies = ""
     for size, turn in zip(sizes, turns, strict=True):
@@ -31,7 +30,7 @@ def test_overlap_of_boxes_that_mujoco_has_not_seen_is_counted(start, compiled):
     )
     data, seen = mujoco.MjData(model), mujoco.MjData(model)
     data.qpos[7:10], data.qvel[3:6], data.qvel[6:9], data.qvel[9:] = place, other_spin, velocity, spin
-    stepper, depth = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled), 0.0
+    stepper, depth = Stepper(model, Moreau(0.5), scheme="time-stepping"), 0.0
     while depth < _COUNTED and data.time < 0.3:
         assert stepper.short_steps == 0
         stepper.step(data)
@@ -46,8 +45,7 @@ def test_overlap_of_boxes_that_mujoco_has_not_seen_is_counted(start, compiled):
     assert stepper.short_steps == 1
 
 
-@pytest.mark.parametrize("compiled", ["auto", "never"])
-def test_overlap_in_which_a_step_begins_is_not_counted(compiled):
+def test_overlap_in_which_a_step_begins_is_not_counted():
     """Where a state is set, no step has failed to see the contact."""
     model = mujoco.MjModel.from_xml_string(
         """<mujoco><option gravity="0 0 0"/><worldbody>
@@ -56,7 +54,7 @@ def test_overlap_in_which_a_step_begins_is_not_counted(compiled):
         </worldbody></mujoco>"""
     )
     data = mujoco.MjData(model)
-    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled)
+    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping")
     for _ in range(3):
         stepper.step(data)
     data.qpos[7] = 0.19

@@ -49,16 +49,15 @@ def _depths(model: mujoco.MjModel, data: mujoco.MjData, stepper: Stepper, steps:
     return depths
 
 
-@pytest.mark.parametrize("compiled", ["auto", "never"])
 @pytest.mark.parametrize(
     ("first", "second"), [("box", "prism"), ("mesh", "prism"), ("box", "cylinder"), ("mesh", "cylinder")]
 )
-def test_face_that_stands_on_another_one_a_little_tilted_does_not_sink_in(first, second, compiled):
+def test_face_that_stands_on_another_one_a_little_tilted_does_not_sink_in(first, second):
     """MuJoCo keeps four corners of the common face, among them not the lowest one."""
     tilted = f'<body pos="0 0 .05" euler=".2 .1 20"><joint type="slide" axis="0 0 1"/><geom {_SHAPES[second]}/></body>'
     model = _model(first, tilted)
     data = mujoco.MjData(model)
-    stepper = Stepper(model, Moreau(0.0), scheme="time-stepping", compiled=compiled)
+    stepper = Stepper(model, Moreau(0.0), scheme="time-stepping")
     depths = _depths(model, data, stepper, 100)
     assert abs(data.qvel[0]) < 1e-9
     assert depths.max() <= _DEPTH
@@ -77,7 +76,6 @@ def _thrown(floor: str, shapes: tuple[str, ...], seed: int) -> tuple[mujoco.MjMo
     return model, data
 
 
-@pytest.mark.parametrize("compiled", ["auto", "never"])
 @pytest.mark.parametrize(
     ("floor", "shapes", "seed"),
     [
@@ -88,15 +86,14 @@ def _thrown(floor: str, shapes: tuple[str, ...], seed: int) -> tuple[mujoco.MjMo
         ("mesh", ("prism", "box"), 7),
     ],
 )
-def test_thrown_shapes_do_not_overlap(floor, shapes, seed, compiled):
+def test_thrown_shapes_do_not_overlap(floor, shapes, seed):
     """Their contacts jump from corner to corner within a step."""
     model, data = _thrown(floor, shapes, seed)
-    stepper = Stepper(model, Moreau(0.3), scheme="time-stepping", compiled=compiled)
+    stepper = Stepper(model, Moreau(0.3), scheme="time-stepping")
     assert _depths(model, data, stepper, 200).max() <= _DEPTH
 
 
-@pytest.mark.parametrize("compiled", ["auto", "never"])
-def test_steps_that_leave_an_overlap_are_counted(compiled):
+def test_steps_that_leave_an_overlap_are_counted():
     """The inner sides of the prisms of a rough height field push cylinders, so that not all overlaps can be opened."""
     rng, bodies = np.random.default_rng(0), ""
     for i in range(4):
@@ -111,7 +108,7 @@ def test_steps_that_leave_an_overlap_are_counted(compiled):
     model.hfield_data[:] = rng.uniform(0.0, 1.0, 400)
     data = mujoco.MjData(model)
     data.qvel[:] = rng.normal(0.0, 3.0, model.nv)
-    stepper, deep, counted = Stepper(model, Moreau(0.0), scheme="time-stepping", compiled=compiled), [], []
+    stepper, deep, counted = Stepper(model, Moreau(0.0), scheme="time-stepping"), [], []
     for _ in range(300):
         before = stepper.short_steps
         deep.append(_depths(model, data, stepper, 1)[0] > 1.01 * _DEPTH)

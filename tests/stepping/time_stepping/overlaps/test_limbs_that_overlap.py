@@ -29,12 +29,12 @@ _LIMBS = """<mujoco>
 </mujoco>"""
 
 
-def _moved(condim, restitution, contact, compiled, steps=400):
+def _moved(condim, restitution, contact, steps=400):
     """Return the positions of all steps, (steps, nq), and whether there were contacts."""
     model = mujoco.MjModel.from_xml_string(_LIMBS.format(condim=condim))
     if not contact:
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-    data, stepper = mujoco.MjData(model), Stepper(model, Moreau(restitution), scheme="time-stepping", compiled=compiled)
+    data, stepper = mujoco.MjData(model), Stepper(model, Moreau(restitution), scheme="time-stepping")
     data.qvel[:] = np.random.default_rng(0).normal(size=model.nv)
     positions, touched = [], False
     for _ in range(steps):
@@ -45,11 +45,10 @@ def _moved(condim, restitution, contact, compiled, steps=400):
     return np.array(positions), touched
 
 
-@pytest.mark.parametrize("compiled", ["auto", "never"])
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
 @pytest.mark.parametrize("condim", [1, 3])
-def test_limbs_that_overlap_at_their_joint_swing_freely(condim, restitution, compiled):
-    held, touched = _moved(condim, restitution, contact=True, compiled=compiled, steps=200)
-    free, _ = _moved(condim, restitution, contact=False, compiled=compiled, steps=200)
+def test_limbs_that_overlap_at_their_joint_swing_freely(condim, restitution):
+    held, touched = _moved(condim, restitution, contact=True, steps=200)
+    free, _ = _moved(condim, restitution, contact=False, steps=200)
     assert touched
     np.testing.assert_allclose(held, free, atol=1e-9)

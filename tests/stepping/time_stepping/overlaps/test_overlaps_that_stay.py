@@ -18,12 +18,12 @@ _GRIPPER = """<mujoco>
 </mujoco>"""  # the finger is 1 cm deep in the palm
 
 
-def _path(steps=200, compiled="auto", restitution=0.0, friction=0.5, **scene):
+def _path(steps=200, restitution=0.0, friction=0.5, **scene):
     """Return the position of the finger after each step, (steps,)."""
     model = mujoco.MjModel.from_xml_string(_GRIPPER.format(friction=friction, **scene))
     model.jnt_limited[:] = 1
     data = mujoco.MjData(model)
-    stepper = Stepper(model, Moreau(restitution), scheme="time-stepping", compiled=compiled)
+    stepper = Stepper(model, Moreau(restitution), scheme="time-stepping")
     path = []
     for _ in range(steps):
         stepper.step(data)
@@ -31,18 +31,16 @@ def _path(steps=200, compiled="auto", restitution=0.0, friction=0.5, **scene):
     return np.array(path)
 
 
-@pytest.mark.parametrize("compiled", ["auto", "never"])
 @pytest.mark.parametrize("friction", [0.05, 0.5, 2.0])
-def test_a_finger_that_slides_across_its_palm_stays(friction, compiled):
+def test_a_finger_that_slides_across_its_palm_stays(friction):
     """To open 1 cm it would have to slide 10 m."""
-    path = _path(axis="0 1 0.001", limits="-0.04 0.04", friction=friction, compiled=compiled)
+    path = _path(axis="0 1 0.001", limits="-0.04 0.04", friction=friction)
     np.testing.assert_allclose(path, 0.0, atol=1e-6)
 
 
-@pytest.mark.parametrize("compiled", ["auto", "never"])
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
-def test_what_overlaps_does_not_push_a_joint_beyond_its_limit(restitution, compiled):
-    path = _path(axis="0 0 1", limits="-0.01 0.005", restitution=restitution, compiled=compiled)
+def test_what_overlaps_does_not_push_a_joint_beyond_its_limit(restitution):
+    path = _path(axis="0 0 1", limits="-0.01 0.005", restitution=restitution)
     np.testing.assert_allclose(path[-1], 0.005, atol=1e-6)
     assert path.max() < 0.005 + 6e-4  # opened in one step
 
@@ -66,12 +64,11 @@ _DRIVEN = """<mujoco>
 </mujoco>"""  # a finger of robosuite's Rethink gripper
 
 
-@pytest.mark.parametrize("compiled", ["auto", "never"])
-def test_a_finger_that_is_driven_does_not_leap(compiled):
+def test_a_finger_that_is_driven_does_not_leap():
     """Contact points that come and go are detected again at the end of a step, and opened there completely."""
     model = mujoco.MjModel.from_xml_string(_DRIVEN)
     data, path = mujoco.MjData(model), [0.0]
-    stepper = Stepper(model, Moreau(0.0), scheme="time-stepping", compiled=compiled)
+    stepper = Stepper(model, Moreau(0.0), scheme="time-stepping")
     for i in range(400):
         data.ctrl[0] = 0.02 if i // 100 % 2 == 0 else -0.011
         stepper.step(data)
@@ -100,13 +97,12 @@ def _squeezed(many: int) -> mujoco.MjModel:
     )
 
 
-@pytest.mark.parametrize("compiled", ["auto", "never"])
 @pytest.mark.parametrize("many", [1, 2, 4])
-def test_overlaps_of_squeezed_boxes_do_not_grow(many, compiled):
+def test_overlaps_of_squeezed_boxes_do_not_grow(many):
     """A box between two walls went into one of them, 1 mm deep for .5 mm; a body elsewhere opens its own overlap."""
     model = _squeezed(many)
     data, seen = mujoco.MjData(model), mujoco.MjData(model)
-    stepper, depths = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled), []
+    stepper, depths = Stepper(model, Moreau(0.5), scheme="time-stepping"), []
     for step in range(201):
         if step in (0, 200):
             seen.qpos[:] = data.qpos

@@ -16,11 +16,10 @@ _ROPE = """<mujoco><option timestep=".002"/><worldbody><geom name="floor" type="
   <tendon><spatial range="0 1" limited="true"><site site="top"/><site site="bob"/></spatial></tendon></mujoco>"""
 
 
-@pytest.mark.parametrize("compiled", ["auto", "never"])
 @pytest.mark.parametrize("through", ["reset", "kinematics", "other data", "another state"])
-def test_thin_wall_is_not_passed(through: str, compiled: str) -> None:
+def test_thin_wall_is_not_passed(through: str) -> None:
     model = mujoco.MjModel.from_xml_string(_WALL)
-    stepper, data = Stepper(model, Moreau(1.0), scheme="time-stepping", compiled=compiled), mujoco.MjData(model)
+    stepper, data = Stepper(model, Moreau(1.0), scheme="time-stepping"), mujoco.MjData(model)
     data.qvel[0] = 20.0
     while data.qpos[0] < -0.11:
         stepper.step(data)
