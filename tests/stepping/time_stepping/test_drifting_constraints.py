@@ -14,13 +14,12 @@ COUPLING = '<equality><joint joint1="slip" joint2="knee" polycoef="0 .003 0 0 0"
 """A knee whose shank slips by 3 mm per radian, as in musculoskeletal models; both joints have a limit at 0."""
 
 
-@pytest.mark.parametrize("compiled", ["auto", "never"])
 @pytest.mark.parametrize("e", [0.0, 0.5])
-def test_a_knee_is_not_thrown_back_by_the_slip_of_its_shank(e, compiled):
+def test_a_knee_is_not_thrown_back_by_the_slip_of_its_shank(e):
     """To stop a slip of 1 cm/s the knee would have to turn 3.3 rad/s faster."""
     model, data = compile_scene(KNEE, COUPLING, option='gravity="0 0 0"')
     data.qpos[:], data.qvel[:] = (-1e-3, -1e-5), (-1.0, -0.01)
-    stepper = Stepper(model, Moreau(e), scheme="time-stepping", compiled=compiled)
+    stepper = Stepper(model, Moreau(e), scheme="time-stepping")
     stepper.step(data)
     np.testing.assert_allclose(data.qvel[0], e, atol=1e-6)
     assert data.qvel[1] >= -1e-9
@@ -36,12 +35,11 @@ FINGER = """<body pos="0 0 1"><joint type="slide" axis="0 0 1" limited="true" ra
   <geom size=".02" mass=".001" contype="0" conaffinity="0"/></body>"""
 
 
-@pytest.mark.parametrize("compiled", ["auto", "never"])
 @pytest.mark.parametrize("inside", [True, False])
-def test_what_a_mocap_body_pulls_against_a_stop_stays_there_while_a_finger_closes(inside, compiled):
+def test_what_a_mocap_body_pulls_against_a_stop_stays_there_while_a_finger_closes(inside):
     """Pull and stop cancel, except for a tiny part that moves the arm along the stop: this is the work of the hand."""
     model = mujoco.MjModel.from_xml_string(PULLED.format(FINGER, "") if inside else PULLED.format("", FINGER))
-    data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled)
+    data, stepper = mujoco.MjData(model), Stepper(model, Moreau(0.5), scheme="time-stepping")
     data.mocap_pos[0] = -1.0, 0.0, 6e-4
     data.qpos[2], data.qvel[2] = 1e-5, -0.02
     stepper.step(data)
@@ -57,14 +55,13 @@ TURNED = '<equality><joint joint1="knob" joint2="burner" polycoef="0 174 0 0 0"/
 """A knob that lifts a burner, as in the kitchen of gymnasium-robotics; both joints have a limit at 0."""
 
 
-@pytest.mark.parametrize("compiled", ["auto", "never"])
 @pytest.mark.parametrize("start", [(0.0, 1.0), (-1.0, 1.0), (-100.0, 1.0), (100.0, 0.0), (100.0, -1.0), (1.0, -1.0)])
 @pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
-def test_a_coupling_that_is_violated_adds_no_energy_where_a_limit_stops_one_of_its_ends(e, start, compiled):
+def test_a_coupling_that_is_violated_adds_no_energy_where_a_limit_stops_one_of_its_ends(e, start):
     """To keep its drift of 174 rad/s, the knob would get 174 times what the burner has lost."""
     model, data = compile_scene(KNOB, TURNED, option='gravity="0 0 0"')
     data.qvel[:] = start
-    stepper, kinetic = Stepper(model, Moreau(e), scheme="time-stepping", compiled=compiled), []
+    stepper, kinetic = Stepper(model, Moreau(e), scheme="time-stepping"), []
     for _ in range(60):
         mujoco.mj_forward(model, data)
         mujoco.mj_energyVel(model, data)
@@ -74,28 +71,14 @@ def test_a_coupling_that_is_violated_adds_no_energy_where_a_limit_stops_one_of_i
     assert stepper.short_steps == 0
 
 
-@pytest.mark.parametrize("compiled", ["auto", "never"])
 @pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
-def test_a_limit_stops_a_burner_as_the_law_says_whose_coupling_is_violated(e, compiled):
+def test_a_limit_stops_a_burner_as_the_law_says_whose_coupling_is_violated(e):
     model, data = compile_scene(KNOB, TURNED, option='gravity="0 0 0"')
     data.qvel[:] = -1.0, 1.0
-    stepper = Stepper(model, Moreau(e), scheme="time-stepping", compiled=compiled)
+    stepper = Stepper(model, Moreau(e), scheme="time-stepping")
     stepper.step(data)
     np.testing.assert_allclose(data.qvel, [-1.0, -e], atol=1e-8)
     assert stepper.shortfall < 1e-9
-
-
-@pytest.mark.parametrize("start", [(0.0, 1.0), (-100.0, 1.0)])
-def test_equalities_that_are_stops_are_the_same_in_python_and_compiled(start):
-    ends = []
-    for compiled in ("auto", "never"):
-        model, data = compile_scene(KNOB, TURNED, option='gravity="0 0 0"')
-        data.qvel[:] = start
-        stepper = Stepper(model, Moreau(0.8), scheme="time-stepping", compiled=compiled)
-        for _ in range(60):
-            stepper.step(data)
-        ends.append(np.concatenate([data.qpos, data.qvel]))
-    np.testing.assert_allclose(*ends, rtol=1e-10, atol=1e-10)
 
 
 BOX = """<body name="{0}" pos="{1} 0 .05"><freejoint/><geom type="box" size=".1 .05 .05" mass="1"/></body>"""
@@ -103,11 +86,10 @@ WELDED = """<equality><weld body1="left" body2="right" solref="{} 1"/></equality
     <contact><exclude body1="left" body2="right"/></contact>"""
 
 
-@pytest.mark.parametrize("compiled", ["auto", "never"])
 @pytest.mark.parametrize("softness", [0.02, 0.1])
 @pytest.mark.parametrize("drift", [0.05, 0.2, 1.0])
 @pytest.mark.parametrize("e", [0.5, 1.0])
-def test_a_weld_that_drifts_adds_next_to_no_energy_where_its_boxes_land(e, drift, softness, compiled):
+def test_a_weld_that_drifts_adds_next_to_no_energy_where_its_boxes_land(e, drift, softness):
     """Regression: with e = 1 its drift added energy from most of these starts."""
     world = '<geom type="plane" size="9 9 1"/>' + BOX.format("left", -0.11) + BOX.format("right", 0.11)
     frictionless = 'friction="0" condim="1"'
@@ -119,7 +101,7 @@ def test_a_weld_that_drifts_adds_next_to_no_energy_where_its_boxes_land(e, drift
         mujoco.mj_forward(model, data)
         mujoco.mj_energyVel(model, data)
         before = data.energy[1]
-        stepper = Stepper(model, Moreau(e), scheme="time-stepping", compiled=compiled)
+        stepper = Stepper(model, Moreau(e), scheme="time-stepping")
         stepper.step(data)
         mujoco.mj_forward(model, data)
         mujoco.mj_energyVel(model, data)
@@ -136,23 +118,22 @@ def _geared(offset):
     return hits + geared, f'<joint joint1="geared{offset}" joint2="hits{offset}" polycoef="0 20 0 0 0"/>'
 
 
-def _hit(drifts, e, compiled):
+def _hit(drifts, e):
     """Return the stepper of such pairs after they hit their limits at 1 m/s, with drifts as parts of their speed."""
     bodies, couplings = zip(*(_geared(2 * i) for i in range(len(drifts))), strict=True)
     rest = f"<equality>{''.join(couplings)}</equality>"
     model, data = compile_scene("".join(bodies), rest, option='gravity="0 0 0" timestep=".002"')
     data.qvel[0::2], data.qvel[1::2] = -1.0, -20.0 + 20.0 * np.array(drifts)
-    stepper = Stepper(model, Moreau(e), scheme="time-stepping", compiled=compiled)
+    stepper = Stepper(model, Moreau(e), scheme="time-stepping")
     while not stepper.sums.collisions:
         stepper.step(data)
     return stepper
 
 
-@pytest.mark.parametrize("compiled", ["auto", "never"])
 @pytest.mark.parametrize("drift", [1.0, 0.2, 0.08])
-def test_gears_that_give_way_do_not_drive_the_collision_that_is_told(drift, compiled):
+def test_gears_that_give_way_do_not_drive_the_collision_that_is_told(drift):
     """If gears kept their drift in the event, it would add up to 722 J; in the step they give way."""
-    stepper = _hit([drift], 0.9, compiled)
+    stepper = _hit([drift], 0.9)
     (event,) = stepper.events
     impact = event.impact
     assert impact.collision.bilateral_jacobian is None
@@ -161,10 +142,9 @@ def test_gears_that_give_way_do_not_drive_the_collision_that_is_told(drift, comp
     assert stepper.sums.energy_change == pytest.approx(impact.energy_change, rel=1e-12)
 
 
-@pytest.mark.parametrize("compiled", ["auto", "never"])
-def test_gears_that_drift_are_in_the_collision_that_is_told_where_they_do_not_drive_it(compiled):
+def test_gears_that_drift_are_in_the_collision_that_is_told_where_they_do_not_drive_it():
     """With e = 0.5 a drift of 8 % returns a part of the lost energy; the drift of the other pair drives its event."""
-    stepper = _hit([0.08, 1.0], 0.5, compiled)
+    stepper = _hit([0.08, 1.0], 0.5)
     (event,) = stepper.events
     gears = event.impact.collision.bilateral_jacobian
     assert gears is not None
@@ -174,8 +154,7 @@ def test_gears_that_drift_are_in_the_collision_that_is_told_where_they_do_not_dr
     assert stepper.sums.energy_change == pytest.approx(event.impact.energy_change, rel=1e-12)
 
 
-@pytest.mark.parametrize("compiled", ["auto", "never"])
-def test_a_limit_that_a_constraint_locks_is_told_without_it_and_without_what_forces_do_elsewhere(compiled):
+def test_a_limit_that_a_constraint_locks_is_told_without_it_and_without_what_forces_do_elsewhere():
     """No impulse opens a locked limit; if the step meets its law all the same, the event is without the constraint."""
     slides = "".join(
         f'<body pos="0 {i} 0"><joint name="{name}" type="slide" axis="1 0 0" {more}/><geom size=".1" mass="1"/></body>'
@@ -184,7 +163,7 @@ def test_a_limit_that_a_constraint_locks_is_told_without_it_and_without_what_for
     rest = '<equality><joint joint1="locked"/></equality><actuator><motor joint="driven"/></actuator>'
     model, data = compile_scene(slides, rest, option='gravity="0 0 0" timestep=".002"')
     data.qvel[0], data.ctrl[0] = -1.0, 1e4
-    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled)
+    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping")
     stepper.step(data)
     (event,) = stepper.events
     assert stepper.shortfall < 1e-9
@@ -200,7 +179,7 @@ def _both_hit(law, drift):
     bodies = bodies.replace('name="geared0" type="slide"', 'name="geared0" range="0 9" type="slide"')
     model, data = compile_scene(bodies, f"<equality>{coupling}</equality>", option='gravity="0 0 0" timestep=".002"')
     data.qvel[:] = before = -1.0, -20.0 + 20.0 * drift
-    stepper = Stepper(model, law, scheme="time-stepping", compiled="never")
+    stepper = Stepper(model, law, scheme="time-stepping")
     stepper.step(data)
     (event,) = stepper.events
     return data.qvel, 0.5 * np.dot(before, before), 0.5 * np.dot(data.qvel, data.qvel), event.impact

@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 from scenes import compiled, energy
+from stepping.time_stepping.stepped import on_a_tendon
 
 from impactlaw import Moreau, Stepper
 from impactlaw.batch import Batch
@@ -12,7 +13,6 @@ OPTION = 'gravity="0 0 0" timestep="5e-3"'
 BALL = '<geom size=".1" mass="1"/>'
 SPIN = (0.0, 0.0, 0.0, 5.0, 8.0, 0.1)
 UNEVEN = (0.01, 0.02, 0.03)
-both = pytest.mark.parametrize("compiled_steps", ["auto", "never"])
 
 
 def _gain(stepper, data):
@@ -24,28 +24,25 @@ def _gain(stepper, data):
     return energy(stepper.model, data) / start - 1.0
 
 
-@both
-def test_balls_that_are_fixed_to_a_ball_in_its_centre(compiled_steps):
+def test_balls_that_are_fixed_to_a_ball_in_its_centre():
     around = "".join(f'<body pos="{x} {y} 0">{BALL}</body>' for x, y in ((0.3, 0), (-0.3, 0), (0, 0.2), (0, -0.2)))
     model, data = compiled(f"<body><freejoint/>{BALL}{around}</body>", option=OPTION)
-    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled_steps)
+    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping")
     assert abs(_gain(stepper, data)) < 5e-4
 
 
-@both
-def test_inertia_that_is_changed_later(compiled_steps):
+def test_inertia_that_is_changed_later():
     model, data = compiled(f"<body><freejoint/>{BALL}</body>", option=OPTION)
-    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled_steps)
+    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping")
     stepper.step(data)
     model.body_inertia[1] = UNEVEN
     mujoco.mj_setConst(model, mujoco.MjData(model))
     assert abs(_gain(stepper, data)) < 5e-4
 
 
-@both
-def test_a_ball_whose_place_on_its_body_is_changed_later(compiled_steps):
+def test_a_ball_whose_place_on_its_body_is_changed_later():
     model, data = compiled(f'<body><freejoint/>{BALL}<body name="fixed">{BALL}</body></body>', option=OPTION)
-    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled_steps)
+    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping")
     stepper.step(data)
     model.body_pos[model.body("fixed").id] = 0.3, 0.2, 0.0
     mujoco.mj_setConst(model, mujoco.MjData(model))
@@ -70,8 +67,7 @@ TIP = """<geom type="plane" size="9 9 1"/><body pos="0 0 .3"><freejoint/>
     <inertial mass="1" pos=".07 .06 .07" diaginertia="4e-3 3e-3 3e-3"/><geom size=".02" pos="0 0 -.1"/></body>"""
 
 
-@both
-def test_a_tip_that_hits_at_the_very_end_of_a_step_gains_no_energy_of_first_order(compiled_steps):
+def test_a_tip_that_hits_at_the_very_end_of_a_step_gains_no_energy_of_first_order():
     """The spin of 40 rad/s after the collision changes its time by some percent of a step of 1 ms."""
     model, data = compiled(TIP, option='gravity="0 0 0" timestep="1e-3"', geom='condim="1"')
     gains = []
@@ -79,7 +75,7 @@ def test_a_tip_that_hits_at_the_very_end_of_a_step_gains_no_energy_of_first_orde
         mujoco.mj_resetData(model, data)
         data.qpos[2], data.qvel[:] = 0.12 + part * 4e-3, (0.0, 0.0, -4.0, 0.0, 0.0, 0.0)
         start, collisions = energy(model, data), 0
-        stepper = Stepper(model, Moreau(1.0), scheme="time-stepping", compiled=compiled_steps)
+        stepper = Stepper(model, Moreau(1.0), scheme="time-stepping")
         for _ in range(2):
             stepper.step(data)
             collisions += len(stepper.events)
@@ -88,13 +84,12 @@ def test_a_tip_that_hits_at_the_very_end_of_a_step_gains_no_energy_of_first_orde
     assert np.abs(gains).max() < 1e-3
 
 
-@both
-def test_what_a_moving_surface_gives_is_no_energy_from_nowhere(compiled_steps):
+def test_what_a_moving_surface_gives_is_no_energy_from_nowhere():
     """A plate at 1 m/s hits a fast spinning body at rest, which leaves at 1.5 m/s and spins on."""
     body = f'<inertial mass="1" pos="0 0 0" diaginertia="{" ".join(map(str, UNEVEN))}"/><geom size=".1"/>'
     plate = '<body mocap="true"><geom type="box" size=".1 1 1"/></body>'
     model, data = compiled(f"{plate}<body><freejoint/>{body}</body>", option=OPTION, geom='condim="1"')
-    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=compiled_steps)
+    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping")
     data.qvel[5] = 400.0
     for step in range(60):
         data.mocap_pos[0, 0] = -0.3 + step * model.opt.timestep
@@ -108,9 +103,8 @@ LINK = """<geom type="plane" size="1 1 1"/>
     </body>"""
 
 
-@both
 @pytest.mark.parametrize("seed", [18, 25, 27])
-def test_a_light_link_that_turns_by_radians_in_a_step_does_not_diverge(seed, compiled_steps):
+def test_a_light_link_that_turns_by_radians_in_a_step_does_not_diverge(seed):
     """The iterations for the forces of half a step grow beyond all numbers, which is no reason to stop."""
     rng = np.random.default_rng(seed)
     model, data = compiled(LINK, option='gravity="0 0 0"', geom='condim="1"')
@@ -118,39 +112,38 @@ def test_a_light_link_that_turns_by_radians_in_a_step_does_not_diverge(seed, com
     data.qpos[3:7] = attitude / np.linalg.norm(attitude)
     data.qvel[:] = 0.0, 0.0, -1.0, *(5.0 * rng.normal(size=3)), *(2000.0 / 1.7 * rng.normal(size=3))
     start = energy(model, data)
-    stepper = Stepper(model, Moreau(1.0), scheme="time-stepping", compiled=compiled_steps)
+    stepper = Stepper(model, Moreau(1.0), scheme="time-stepping")
     for _ in range(50):
         stepper.step(data)
     assert energy(model, data) < 1.01 * start
 
 
 @pytest.mark.parametrize("start", [(1.0471938, -214.0, 0.024), (1.0471966, -194.0, 0.165), (1.0471967, -225.0, 0.0048)])
-def test_links_that_turn_fast_and_hardly_hit_a_limit_go_on_alike_in_python(start):
+def test_links_that_turn_fast_and_hardly_hit_a_limit_go_on_as_if_a_tendon_had_it(start):
     """Between half steps the limit is hit no more: what contact has done then is no part of the inertial forces."""
     link = '<geom type="capsule" size=".02" fromto="0 0 0 .2 0 0" mass="{}"/>'.format
-    limited = f'<body pos=".2 0 0"><joint axis="0 0 1" range="-60 60"/>{link(0.3)}</body>'
-    model = mujoco.MjModel.from_xml_string(
-        f"""<mujoco><option gravity="0 0 0"/><worldbody><body><joint axis="0 0 1"/>{link(1)}{limited}</body></worldbody>
-        </mujoco>"""
-    )
+    limits = f"{np.radians(-60)!s} {np.radians(60)!s}"
+    knee = f'<joint name="knee" axis="0 0 1" limited="true" range="{limits}"/>'
+    scene = f"""<mujoco><compiler angle="radian"/><option gravity="0 0 0"/><worldbody>
+        <body><joint axis="0 0 1"/>{link(1)}<body pos=".2 0 0">{knee}{link(0.3)}</body></body></worldbody></mujoco>"""
     found = []
-    for how in ("auto", "never"):
+    for xml in (scene, on_a_tendon(scene, "knee", limits)):
+        model = mujoco.MjModel.from_xml_string(xml)
         data = mujoco.MjData(model)
         data.qpos[1], *data.qvel[:] = start
-        Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=how).step(data, 3)
+        Stepper(model, Moreau(0.5), scheme="time-stepping").step(data, 3)
         found.append(data.qvel)
     np.testing.assert_allclose(*found, rtol=1e-10)
 
 
-@both
 @pytest.mark.parametrize("friction", [0.0, 0.5])
-def test_friction_elsewhere_in_the_scene_costs_elastic_bodies_no_energy(friction, compiled_steps):
+def test_friction_elsewhere_in_the_scene_costs_elastic_bodies_no_energy(friction):
     floor = '<geom type="plane" size="0 0 1"/>'
     box = '<body pos="0 0 .5"><freejoint/><geom type="box" size=".1 .05 .03" pos=".04 0 0"/></body>'
     ball = f'<body pos="50 0 1"><freejoint/><geom size=".1" condim="3" friction="{friction}"/></body>'
     model, data = compiled(floor + box + ball, option='timestep="2e-3"', geom='condim="1" friction="0"')
     data.qvel[:6] = 1.0, 0.0, -1.0, 3.0, -8.0, 2.0
     start = energy(model, data)
-    stepper = Stepper(model, Moreau(1.0), scheme="time-stepping", compiled=compiled_steps)
+    stepper = Stepper(model, Moreau(1.0), scheme="time-stepping")
     stepper.step(data, 450)
     assert energy(model, data) == pytest.approx(start, abs=2e-3)  # the box has 7 J

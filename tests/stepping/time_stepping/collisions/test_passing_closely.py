@@ -18,7 +18,7 @@ FAN = """<body pos="0 3 0"><joint axis="0 0 1"/><geom type="capsule" size=".01" 
     <body pos=".2 0 0"><joint axis="0 0 1"/><geom type="capsule" size=".01" fromto="0 0 0 .2 0 0"/></body></body>"""
 
 
-def _flown_past(target, clearance, speed, *, time, turning=0.0, **options):
+def _flown_past(target, clearance, speed, *, time, turning=0.0):
     """Return the velocity of a ball across its way after it came past a target; its path begins so many s before.
 
     A fan far away from them is `turning`, rad/s, if this is not 0.
@@ -33,7 +33,7 @@ def _flown_past(target, clearance, speed, *, time, turning=0.0, **options):
     data.qvel[-4] = -speed
     if turning:
         data.qvel[-8] = turning
-    stepper = Stepper(model, Moreau(0.8), scheme="time-stepping", **options)
+    stepper = Stepper(model, Moreau(0.8), scheme="time-stepping")
     stepper.step(data, 40)
     assert stepper.short_steps == 0
     return data.qvel[-6:-3]
@@ -54,18 +54,10 @@ def test_what_is_in_the_way_is_hit(target, speed):
 
 
 @pytest.mark.parametrize("target", TARGETS)
-def test_steps_in_python_miss_and_hit_the_same(target):
-    for clearance in (-3e-3, 2e-4, 5e-3):
-        found = [_flown_past(target, clearance, 18.0, time=0.021, compiled=how) for how in ("auto", "never")]
-        np.testing.assert_allclose(*found, rtol=1e-10, atol=1e-10)
-
-
-@pytest.mark.parametrize("compiled", ["auto", "never"])
-@pytest.mark.parametrize("target", TARGETS)
-def test_it_makes_no_difference_whether_other_bodies_turn_fast(target, compiled):
+def test_it_makes_no_difference_whether_other_bodies_turn_fast(target):
     """A fan that turns by 0.8 rad in a timestep once let balls hit all that they missed by little."""
     for time in np.linspace(0.02, 0.022, 7):
-        velocity = _flown_past(target, 2e-4, 18.0, time=time, turning=400.0, compiled=compiled)
+        velocity = _flown_past(target, 2e-4, 18.0, time=time, turning=400.0)
         assert velocity.tolist() == [0.0, 0.0, -18.0]
 
 
@@ -84,7 +76,7 @@ RACKETS = {  # how a racket is carried by a mocap body
 }
 
 
-def _flown_past_racket(kind, clearance, ball, racket, *, time, **options):
+def _flown_past_racket(kind, clearance, ball, racket, *, time):
     """Return the velocity of a ball after it came past the edge of a racket; both have a speed, and pass at a time."""
     model = mujoco.MjModel.from_xml_string(
         f"""<mujoco><option gravity="0 0 0"/><worldbody>{RACKETS[kind]}
@@ -93,7 +85,7 @@ def _flown_past_racket(kind, clearance, ball, racket, *, time, **options):
     )
     data, h = mujoco.MjData(model), model.opt.timestep
     data.qvel[-4] = -ball
-    stepper = Stepper(model, Moreau(0.8), scheme="time-stepping", **options)
+    stepper = Stepper(model, Moreau(0.8), scheme="time-stepping")
     for i in range(30):
         way = racket * (i * h - time)
         if kind == "swung":
@@ -122,18 +114,10 @@ def test_a_racket_on_a_mocap_body_hits_a_ball_in_its_way(kind, ball, racket):
         assert _flown_past_racket(kind, -3e-3, ball, racket, time=time)[0] > 0.01
 
 
-@rackets
-def test_rackets_in_python_miss_and_hit_the_same(kind):
-    for clearance in (-3e-3, 2e-4, 5e-3):
-        hows = "auto", "never"
-        found = [_flown_past_racket(kind, clearance, 9.0, 9.0, time=0.021, compiled=how) for how in hows]
-        np.testing.assert_allclose(*found, rtol=1e-10, atol=1e-10)
-
-
 EDGED = {"mesh": 'type="mesh" mesh="cube"', "cylinder": 'type="cylinder" size=".05 .05"'}
 
 
-def _fallen_past(table, shape, clearance, speed, *, time, **options):
+def _fallen_past(table, shape, clearance, speed, *, time):
     """Return the velocity of a body with edges after it fell past a table's edge; it begins so many s before."""
     cube = "-1 -1 -1 -1 -1 1 -1 1 -1 -1 1 1 1 -1 -1 1 -1 1 1 1 -1 1 1 1"
     model = mujoco.MjModel.from_xml_string(
@@ -143,7 +127,7 @@ def _fallen_past(table, shape, clearance, speed, *, time, **options):
     )
     data = mujoco.MjData(model)
     data.qvel[2] = -speed
-    stepper = Stepper(model, Moreau(0.8), scheme="time-stepping", **options)
+    stepper = Stepper(model, Moreau(0.8), scheme="time-stepping")
     stepper.step(data, round((time + 0.2 / speed) / model.opt.timestep))
     return data.qvel[:3]
 
@@ -159,9 +143,6 @@ def test_edges_pass_each_other(table, shape, speed):
 
 
 @pytest.mark.parametrize("shape", EDGED)
-def test_edges_hit_and_pass_each_other_in_python_as_in_compiled_code(shape):
+def test_edges_that_are_in_the_way_hit_each_other(shape):
     for clearance in (-1e-3, 3e-4):
-        hows = "auto", "never"
-        found = [_fallen_past("mesh", shape, clearance, 3.0, time=0.021, compiled=how) for how in hows]
-        np.testing.assert_allclose(*found, rtol=1e-10, atol=1e-10)
-        assert (found[0][2] > 0.0) == (clearance < 0.0)
+        assert (_fallen_past("mesh", shape, clearance, 3.0, time=0.021)[2] > 0.0) == (clearance < 0.0)

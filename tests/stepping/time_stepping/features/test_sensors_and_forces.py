@@ -61,17 +61,15 @@ NEAR = """<body name="near" pos="2 0 .17"><freejoint/><geom name="near" type="bo
 TOUCHES = """<sensor><contact geom1="near" data="found" num="1"/><contact geom1="box" data="found dist" num="1"/>
     <contact body1="b" data="found force" reduce="netforce"/>
     <contact geom1="near" data="found linvel" num="1"/></sensor>"""
-both = pytest.mark.parametrize("compiled_option", ["auto", "never"])
 cones = pytest.mark.parametrize("cone", ["pyramidal", "elliptic"])
 
 
-@both
 @cones
 @pytest.mark.parametrize("order", [1, -1])
-def test_contacts_that_are_near_but_open_are_not_listed(compiled_option, cone, order):
+def test_contacts_that_are_near_but_open_are_not_listed(cone, order):
     model, data = compiled("".join((SENSED, NEAR)[::order]), TOUCHES, option=f'cone="{cone}"')
     data.joint(model.body("near").jntadr[0]).qvel[2] = -20.0  # m/s
-    run(stepping(model, Moreau(0.5), compiled=compiled_option), data, 1)
+    run(stepping(model, Moreau(0.5)), data, 1)
     assert (data.contact.geom == sorted([model.geom("box").id, 0])).all()
     assert data.ncon == 4
     assert (data.contact.dist < 1e-6).all()
@@ -90,14 +88,13 @@ def test_contacts_that_are_near_but_open_are_not_listed(compiled_option, cone, o
         assert data.nefc == 4 * 4
 
 
-@both
 @cones
-def test_a_ball_that_bounces_touches_when_it_collides(compiled_option, cone):
+def test_a_ball_that_bounces_touches_when_it_collides(cone):
     """MuJoCo's list of contacts and a contact sensor tell the steps in which the ball collides, and no others."""
     ball = NEAR.replace('type="box" size=".1 .1 .1"', 'size=".1"')
     model, data = compiled(SENSED + ball, TOUCHES, option=f'cone="{cone}"')
     data.qvel[8] = -3.0  # m/s
-    stepper, collisions, listed = stepping(model, Moreau(0.5), compiled=compiled_option), 0, 0
+    stepper, collisions, listed = stepping(model, Moreau(0.5)), 0, 0
     for _ in range(200):
         stepper.step(data)
         mine = np.flatnonzero((data.contact.geom == model.geom("near").id).any(axis=1))
@@ -111,32 +108,18 @@ def test_a_ball_that_bounces_touches_when_it_collides(compiled_option, cone):
     assert listed == collisions == 2
 
 
-@both
 @cones
-def test_an_open_contact_that_pushes_by_rounding_is_not_listed(compiled_option, cone):
+def test_an_open_contact_that_pushes_by_rounding_is_not_listed(cone):
     """Regression: one corner of these boxes, .26 mm off, pushed its neighbour sideways with 1e-21 N, and was listed."""
     box = '<body pos="{} 0 {}" euler="{} 5 0"><freejoint/><geom type="box" size=".1 .1 .1"/></body>'
     boxes = "".join(box.format(0.02 * i, 0.15 + 0.22 * i, 10 * i) for i in range(3))
     model, data = compiled(FLOOR + boxes, option=f'cone="{cone}" timestep=".004"')
-    stepper, force = stepping(model, Moreau(0.5), compiled=compiled_option), np.zeros(6)
+    stepper, force = stepping(model, Moreau(0.5)), np.zeros(6)
     for _ in range(100):
         stepper.step(data)
         for i in np.flatnonzero(data.contact.dist > 1e-5):
             mujoco.mj_contactForce(model, data, i, force)
             assert force[0] > 0.0
-
-
-@cones
-def test_compiled_steps_and_steps_in_python_list_the_same_contacts(cone):
-    model, _ = compiled(SENSED + NEAR + falling(), TOUCHES, option=f'cone="{cone}"')
-    ways = [(stepping(model, Moreau(0.5), compiled=one), mujoco.MjData(model)) for one in ("auto", "never")]
-    for _ in range(200):
-        for stepper, data in ways:
-            stepper.step(data)
-        (_, mine), (_, theirs) = ways
-        assert mine.ncon == theirs.ncon
-        for name in ("geom", "dim", "efc_address", "dist", "pos", "frame", "friction"):
-            np.testing.assert_allclose(getattr(mine.contact, name), getattr(theirs.contact, name), atol=1e-9)
 
 
 def test_force_and_torque_sensors_of_a_held_arm():
@@ -159,8 +142,7 @@ def test_limits_and_dry_friction_tell_their_forces():
     assert data.qfrc_constraint == pytest.approx([3 * G, 3 * G], rel=1e-8)
 
 
-@pytest.mark.parametrize("compiled_option", ["auto", "never"])
-def test_the_energy_of_tendons_is_that_of_the_end(compiled_option):
+def test_the_energy_of_tendons_is_that_of_the_end():
     """A spring, and a tendon with inertia, whose lengths the step evaluates at its midpoint."""
     world = """<site name="hook" pos="1 0 1"/><body><joint axis="0 1 0"/><geom size=".05" pos=".3 0 0" mass="1"/>
         <site name="tip" pos=".3 0 0"/></body>"""
@@ -168,7 +150,7 @@ def test_the_energy_of_tendons_is_that_of_the_end(compiled_option):
     model, data = compiled(world, rest)
     model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
     data.qvel[0] = 2.0
-    run(stepping(model, Moreau(0.5), compiled=compiled_option), data, 50)
+    run(stepping(model, Moreau(0.5)), data, 50)
     assert data.energy.sum() == pytest.approx(energy(model, copy.copy(data)), abs=1e-9)
 
 
@@ -181,8 +163,7 @@ def test_the_energy_flag_is_respected():
         assert data.energy == pytest.approx([G * (data.qpos[0] + 1.1), 0.5 * data.qvel[0] ** 2], abs=1e-9)
 
 
-@pytest.mark.parametrize("how", ["auto", "never"])
-def test_sensors_of_energy_are_of_the_middle_of_the_step(how):
+def test_sensors_of_energy_are_of_the_middle_of_the_step():
     """Also where the energy was computed before, by the flag or by `mj_forward`."""
     link = '<body pos="{}"><joint axis="0 1 0"/><geom type="capsule" fromto="0 0 0 .5 0 0" size=".02"/>'
     pendulum = f"{link.format('0 0 2')}{link.format('.5 0 0')}</body></body>"
@@ -191,7 +172,7 @@ def test_sensors_of_energy_are_of_the_middle_of_the_step(how):
     for enabled in (False, True):
         model.opt.enableflags = int(mujoco.mjtEnableBit.mjENBL_ENERGY) * enabled
         data, sensed = mujoco.MjData(model), []
-        stepper = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled=how)
+        stepper = Stepper(model, Moreau(0.5), scheme="time-stepping")
         data.qvel[:] = 1.0, -2.0
         for _ in range(4):
             mujoco.mj_forward(model, data)

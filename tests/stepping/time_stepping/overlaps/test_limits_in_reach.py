@@ -3,6 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
+from stepping.time_stepping.stepped import on_a_tendon
 
 from impactlaw import Batch, Moreau, Stepper
 
@@ -18,14 +19,6 @@ def _struck(scene: str = _SCENE) -> tuple[mujoco.MjModel, mujoco.MjData]:
     data = mujoco.MjData(model)
     data.qvel[1] = 2.0
     return model, data
-
-
-def on_a_tendon(scene: str, joint: str, limits: str) -> str:
-    """Return a scene with the limits of a joint on a tendon of the same length: those are never left out."""
-    limit = f'limited="true" range="{limits}"'
-    assert scene.count(limit) == 1
-    fixed = f'<tendon><fixed {limit}><joint joint="{joint}" coef="1"/></fixed></tendon>'
-    return scene.replace(limit, 'limited="false"').replace("</worldbody>", f"</worldbody>{fixed}")
 
 
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
