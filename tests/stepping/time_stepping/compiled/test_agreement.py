@@ -189,10 +189,10 @@ def test_laws_that_create_energy_are_refused_where_asked():
     xml = """<mujoco><option timestep=".002"/><worldbody><geom type="plane" size="1 1 1" friction="1.5"/>
       <body pos="0 0 .6" euler="0 40 0"><freejoint/><geom type="capsule" size=".02" fromto="-.5 0 0 .5 0 0"/></body>
       </worldbody></mujoco>"""
-    model = mujoco.MjModel.from_xml_string(xml)
+    model, law = mujoco.MjModel.from_xml_string(xml), Newton({"*": 1.0})
     outcomes = []
     for compiled in ("auto", "never"):
-        stepper = Stepper(model, Moreau(1.0), scheme="time-stepping", compiled=compiled, on_inadmissible="raise")
+        stepper = Stepper(model, law, scheme="time-stepping", compiled=compiled, on_inadmissible="raise")
         data = mujoco.MjData(model)
         data.qvel[0] = -6.0
         try:
@@ -220,14 +220,12 @@ def test_what_is_not_compiled_is_said_once():
     law = Newton(lambda speed: 1.0 / (1.0 + speed))
     with pytest.warns(UncompiledWarning, match="function of speed"):
         ours = Stepper(model, law, scheme="time-stepping", compiled="auto")
-    python = Stepper(model, law, scheme="time-stepping", compiled="never")
     silent = Stepper(model, law, scheme="time-stepping")
-    states = [mujoco.MjData(model) for _ in range(3)]
+    states = [mujoco.MjData(model) for _ in range(2)]
     for _ in range(100):
-        for stepper, data in zip((ours, python, silent), states, strict=True):
+        for stepper, data in zip((ours, silent), states, strict=True):
             stepper.step(data)
     assert np.array_equal(states[0].qpos, states[1].qpos)
-    assert np.array_equal(states[0].qpos, states[2].qpos)
     ours.law = Moreau(0.5)
     ours.step(states[0])
 

@@ -1,4 +1,4 @@
-"""Compiled steps move mocap bodies as the scheme in Python does."""
+"""Steps with mocap bodies under a law in compiled code equal those that ask it in Python."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pytest
 from scenes import compiled
 
 import impactlaw.envs
-from impactlaw import Coulomb, Law, Moreau, Stepper
+from impactlaw import Coulomb, Law, Moreau, Newton, Stepper
 from scripts.robots.agreement import begin_alike, compiled_stepper, difference
 
 TABLE = """<body name="table" mocap="true" pos="0 0 -.1"><geom name="table" type="box" size=".5 .5 .1"/>
@@ -53,7 +53,10 @@ SCENES = {
     "belt": BELT + TABLE + THINGS + FLOOR + GHOST,
     "ghost": FLOOR + THINGS + GHOST,
 }
-LAWS: dict[str, Law] = {"moreau": Moreau(0.5), "tangential": Coulomb(Moreau(0.8), tangential_restitution=0.4)}
+LAWS: dict[str, Law] = {
+    "same": Newton({"*": 0.5}),
+    "tangential": Coulomb(Newton({"*": 0.8}), tangential_restitution=0.4),
+}
 
 
 def _both(model: mujoco.MjModel, law: Law) -> tuple[Stepper, Stepper]:
@@ -88,18 +91,17 @@ def _step_alike(
     ("scene", "move"),
     [("table", "up"), ("table", "turn"), ("table", "blows"), ("belt", "turn"), ("belt", "ghost"), ("ghost", "ghost")],
 )
-def test_compiled_steps_are_those_of_python(scene: str, move: str, law: str):
+def test_a_law_in_compiled_code_is_that_of_python(scene: str, move: str, law: str):
     model, one = compiled(SCENES[scene], option='timestep="0.004"', geom='friction=".6"')
     collisions = _step_alike(_both(model, LAWS[law]), one, mujoco.MjData(model), 300, MOVES[move])
     assert collisions > 3
 
 
 @pytest.mark.parametrize("name", ["Juggler", "RockingBlock"])
-def test_environments_step_as_in_python(name: str):
+def test_environments_step_alike_where_the_law_is_asked_in_python(name: str):
     env = gymnasium.make(f"impactlaw/{name}-v0", scheme="time-stepping").unwrapped
     assert isinstance(env, impactlaw.envs.ImpactEnv)
-    python = Stepper(env.model, env.law, scheme="time-stepping", compiled="never")
-    ours, one = compiled_stepper(env.model, env.law), env.data
+    (ours, python), one = _both(env.model, Newton({"*": env.law.common_coefficient})), env.data
     other, rng, collisions = mujoco.MjData(env.model), np.random.default_rng(0), 0
 
     def move(data: mujoco.MjData, time: float) -> None:
@@ -116,11 +118,11 @@ def test_environments_step_as_in_python(name: str):
     env.close()
 
 
-def test_drivers_alone_follow_the_same_path():
+def test_steppers_by_themselves_follow_the_same_path():
     """Neither stepper takes over the memory of the other."""
     table = '<body mocap="true" pos="0 0 -.1"><geom type="box" size=".5 .5 .1"/></body>'
     model, one = compiled(table + '<body pos="0 0 .2"><freejoint/><geom size=".07"/></body>')
-    (ours, python), other = _both(model, Moreau(0.7)), mujoco.MjData(model)
+    (ours, python), other = _both(model, Newton({"*": 0.7})), mujoco.MjData(model)
     apart = 0.0
     for _ in range(300):
         for stepper, data in ((ours, one), (python, other)):
@@ -133,7 +135,7 @@ def test_drivers_alone_follow_the_same_path():
 
 def test_a_step_that_did_not_follow_the_last_one_finds_bodies_at_rest():
     model, one = compiled(SCENES["table"])
-    steppers, other = _both(model, Moreau(0.5)), mujoco.MjData(model)
+    steppers, other = _both(model, Newton({"*": 0.5})), mujoco.MjData(model)
     _step_alike(steppers, one, other, 60, _up_and_down)
     for time in (one.time + 0.3, 0.0):
         one.time = time
@@ -142,7 +144,7 @@ def test_a_step_that_did_not_follow_the_last_one_finds_bodies_at_rest():
     for data in (at_rest, one):
         mujoco.mj_resetData(model, data)
         data.mocap_pos[0, 2] = -0.12
-    _both(model, Moreau(0.5))[0].step(at_rest)
+    _both(model, Newton({"*": 0.5}))[0].step(at_rest)
     moved.step(one)
     assert np.array_equal(one.qvel, at_rest.qvel)
 
@@ -163,8 +165,8 @@ def test_copies_go_on_alike():
             assert np.array_equal(mine.qvel, theirs.qvel)
 
 
-def test_steps_in_python_go_on_from_compiled_ones():
-    """While a callback is set, steps are taken in Python."""
+def test_steps_under_a_callback_go_on_from_the_others():
+    """While a callback is set, steps pass the user's model to MuJoCo."""
     model, one = compiled(SCENES["table"])
     ours, always = (Stepper(model, Moreau(0.5), scheme="time-stepping") for _ in range(2))
     other = copy.copy(one)
