@@ -1,4 +1,4 @@
-"""Collisions of compiled steps: sums without events, and events of the law that was in force."""
+"""Collisions of steps: sums without events, and events of the law that was in force."""
 
 from __future__ import annotations
 
