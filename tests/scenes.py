@@ -8,12 +8,11 @@ import numpy as np
 INTEGRATORS = ("Euler", "implicit", "implicitfast", "discrete", "RK4")
 WAYS = {
     "time-stepping": {"scheme": "time-stepping"},
-    "time-stepping in Python": {"scheme": "time-stepping", "compiled": "never"},
     "soft": {"contact_model": "soft"},
     "soft in Python": {"contact_model": "soft", "compiled": "never"},
     "event-driven": {},
 }
-"""Options of a stepper for each way to step, compiled and not."""
+"""Options of a stepper for each way to step, soft steps compiled and not."""
 
 
 def compiled(world, rest="", *, option="", geom=""):

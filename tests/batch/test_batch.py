@@ -219,7 +219,7 @@ def test_moving_surfaces_are_those_of_a_stepper():
         ends.append(batch.state.copy())
     assert np.array_equal(*ends)
     for world in range(5):
-        stepper, data = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled="never"), mujoco.MjData(model)
+        stepper, data = Stepper(model, Moreau(0.5), scheme="time-stepping"), mujoco.MjData(model)
         for step in range(120):
             _shake(data.mocap_pos[0], data.mocap_quat[0], step, world)
             stepper.step(data)

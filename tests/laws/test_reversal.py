@@ -61,7 +61,7 @@ def cradle(order):
         {"scheme": "time-stepping"},
         {"scheme": "time-stepping", "compiled": "never"},
     ],
-    ids=["soft", "event-driven", "time-stepping", "time-stepping in Python"],
+    ids=["soft", "event-driven", "time-stepping", "time-stepping, asked in Python"],
 )
 @pytest.mark.parametrize("order", [(0, 1, 2, 3, 4), (2, 0, 4, 1, 3), (4, 1, 0, 3, 2)])
 def test_bodies_of_a_cradle_in_any_order(way, order):

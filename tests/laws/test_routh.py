@@ -125,7 +125,7 @@ def test_three_gradients_of_two_degrees_of_freedom(hypothesis, restitution):
 @pytest.mark.parametrize("hypothesis", ["poisson", "stronge"])
 @pytest.mark.parametrize(
     "options",
-    [{}, {"scheme": "time-stepping"}, {"scheme": "time-stepping", "compiled": "never"}, {"contact_model": "soft"}],
+    [{}, {"scheme": "time-stepping"}, {"contact_model": "soft"}],
 )
 def test_a_pendulum_that_jams_on_the_floor_stays(hypothesis, options):
     """Its bob hits a floor 0.6 m below the hinge: friction of 2 holds it at an angle of 0.9397 rad."""

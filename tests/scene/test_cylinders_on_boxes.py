@@ -15,8 +15,7 @@ SCENE = """<mujoco><option timestep="0.002" integrator="RK4"/><asset>
 TABLES = {"box": 'type="box" size=".3 .1 .1"', "mesh": 'type="mesh" mesh="block"'}
 WAYS = {
     "event-driven": {"scheme": "event-driven"},
-    "compiled": {"scheme": "time-stepping"},
-    "python": {"scheme": "time-stepping", "compiled": "never"},
+    "time-stepping": {"scheme": "time-stepping"},
 }
 
 

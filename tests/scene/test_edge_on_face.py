@@ -15,8 +15,7 @@ RAILS = """<mujoco><option timestep="{step}"/><default><geom friction="0.3"/></d
     <geom type="box" size=".025 .025 .025" mass=".07"/></body></worldbody></mujoco>"""
 WAYS = {
     "event-driven": {"scheme": "event-driven"},
-    "compiled": {"scheme": "time-stepping"},
-    "python": {"scheme": "time-stepping", "compiled": "never"},
+    "time-stepping": {"scheme": "time-stepping"},
 }
 
 

@@ -17,9 +17,10 @@ SCENE = """<mujoco><option timestep="0.001" integrator="RK4" gravity="0 0 {gravi
 ICE = '<geom name="ice" type="plane" size="9 9 1"/>'
 WAYS = {
     "event-driven": {"scheme": "event-driven"},
-    "compiled": {"scheme": "time-stepping"},
-    "python": {"scheme": "time-stepping", "compiled": "never"},
+    "time-stepping": {"scheme": "time-stepping"},
+    "asked in Python": {"scheme": "time-stepping", "compiled": "never"},
 }
+ways = pytest.mark.parametrize("way", ["event-driven", "time-stepping"])
 
 
 def thrown(angle, law, way, *, floor="", height=0.02, kind="cylinder"):
@@ -48,7 +49,7 @@ def test_pucks_of_one_height_do_not_tip(angle, way):
     np.testing.assert_allclose(data.qvel[[3, 4, 9, 10]], 0.0, rtol=0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("way", WAYS)
+@ways
 @pytest.mark.parametrize("size", [".06 .0005", ".15 .0005"])
 def test_thin_disks_of_one_height_hit_once_and_do_not_tip(size, way):
     """Their rims touch along a line of less than a percent of their radii."""
@@ -69,7 +70,7 @@ def test_thin_disks_of_one_height_hit_once_and_do_not_tip(size, way):
     np.testing.assert_allclose(data.qvel, [-1.0] + 11 * [0.0], rtol=0.0, atol=1e-7)
 
 
-@pytest.mark.parametrize("way", WAYS)
+@ways
 @pytest.mark.parametrize("height", [0.03, 0.005])
 def test_cylinders_that_are_shifted_along_their_axes_turn_alike(height, way):
     """The whole line of contact then opens with e times the speed at which it closed."""
@@ -80,7 +81,7 @@ def test_cylinders_that_are_shifted_along_their_axes_turn_alike(height, way):
     np.testing.assert_allclose(data.qvel[[4, 10]], -shift * impulse / inertia, rtol=1e-9)
 
 
-@pytest.mark.parametrize("way", WAYS)
+@ways
 def test_a_cylinder_beside_a_capsule(way):
     data, _ = thrown(0.0, Moreau(0.5), way, kind="capsule")
     np.testing.assert_allclose(data.qvel[[0, 6]], [0.25, 0.75], rtol=0.0, atol=1e-9)
@@ -137,8 +138,8 @@ TROUGH = """<mujoco><option timestep="0.002" integrator="RK4"/><default><geom fr
 
 @pytest.mark.parametrize(
     ("way", "kind", "e"),
-    [("event-driven", "cylinder", 0.0), ("python", "cylinder", 0.3)]
-    + [("compiled", kind, e) for kind in ("cylinder", "capsule") for e in (0.0, 0.3)],
+    [("event-driven", "cylinder", 0.0)]
+    + [("time-stepping", kind, e) for kind in ("cylinder", "capsule") for e in (0.0, 0.3)],
 )
 def test_pipes_in_a_trough_come_to_rest(way, kind, e):
     model = mujoco.MjModel.from_xml_string(TROUGH.format(kind=kind))
@@ -156,15 +157,14 @@ def test_pipes_in_a_trough_come_to_rest(way, kind, e):
     assert np.abs(data.qvel).max() < 1e-9
 
 
-@pytest.mark.parametrize("way", ["compiled", "python"])
-def test_capsules_that_are_not_quite_parallel_come_to_rest(way):
+def test_capsules_that_are_not_quite_parallel_come_to_rest():
     """MuJoCo's one point jumps from end to end of the line, which gives energy to the capsules."""
     model = mujoco.MjModel.from_xml_string(TROUGH.format(kind="capsule").replace('"cylinder"', '"capsule"'))
     data, rng, energy = mujoco.MjData(model), np.random.default_rng(0), []
     for k in range(3):
         data.qpos[7 * k + 2] += 0.001 * (1 + k)
         mujoco.mju_quatIntegrate(data.qpos[7 * k + 3 : 7 * k + 7], rng.normal(size=3) * [1e-3, 0.0, 1e-3], 1.0)
-    stepper = Stepper(model, Moreau(0.0), **WAYS[way])
+    stepper = Stepper(model, Moreau(0.0), scheme="time-stepping")
     for _ in range(300):
         stepper.step(data)
         mujoco.mj_energyPos(model, data)
@@ -175,24 +175,13 @@ def test_capsules_that_are_not_quite_parallel_come_to_rest(way):
     assert np.abs(data.qvel).max() < 1e-3  # they can roll slowly
 
 
-def test_compiled_steps_are_those_in_python():
-    model = mujoco.MjModel.from_xml_string(TROUGH.format(kind="capsule"))
-    one, other = mujoco.MjData(model), mujoco.MjData(model)
-    compiled, python = (Stepper(model, Moreau(0.3), **WAYS[way]) for way in ("compiled", "python"))
-    for _ in range(60):
-        compiled.step(one)
-        python.step(other)
-        np.testing.assert_allclose(one.qpos, other.qpos, rtol=0.0, atol=1e-10)
-        np.testing.assert_allclose(one.qvel, other.qvel, rtol=0.0, atol=1e-10)
-
-
 TURNING = """<mujoco><option timestep="0.002" integrator="RK4"/><default><geom friction="0"/></default><worldbody>
   <geom type="cylinder" size="{r} .3" euler="0 90 0"/><body pos="0 0 {height}"><joint type="slide" axis="0 0 1"/>
   <joint type="hinge" axis="0 0 1"/><joint type="hinge" axis="0 1 0"/>
   <geom type="{kind}" size="{r} {half}" euler="0 90 0" mass="2"/></body></worldbody></mujoco>"""
 
 
-@pytest.mark.parametrize("way", ["event-driven", "compiled"])
+@ways
 @pytest.mark.parametrize(
     ("kind", "r", "half"), [("cylinder", 0.05, 0.3), ("capsule", 0.05, 0.2), ("cylinder", 0.05, 0.01)]
 )
@@ -213,7 +202,7 @@ def test_a_log_that_turns_across_another_one_stays_on_it(way, kind, r, half):
     assert (np.abs(data.qpos - [0.0, 0.078, 0.0]) < [SKIN + GAP_TOLERANCE, 1e-4, 2e-4]).all()
 
 
-@pytest.mark.parametrize("way", WAYS)
+@ways
 def test_a_log_rolls_down_another_one_without_collisions(way):
     """Regression: steps were counted as short, since MuJoCo's distance of parallel cylinders is wrong near 0."""
     model = mujoco.MjModel.from_xml_string(
@@ -230,7 +219,7 @@ def test_a_log_rolls_down_another_one_without_collisions(way):
     assert stepper.short_steps == stepper.unlocated == 0
 
 
-@pytest.mark.parametrize("way", ["event-driven", "compiled"])
+@ways
 def test_masks_can_be_set_later(way):
     """A line of contact has its impulse in the middle, also if geoms could not collide when the stepper was made."""
     scene = SCENE.format(floor=ICE, gravity=0, x=-0.1, y=0, yaw=0, height=0.02, kind="cylinder")

@@ -20,8 +20,8 @@ WORLD = (
 OPTION = 'gravity="0 0 0" timestep="0.01"'
 RIGID = {
     "event-driven": {},
-    "compiled": {"scheme": "time-stepping"},
-    "python": {"scheme": "time-stepping", "compiled": "never"},
+    "time-stepping": {"scheme": "time-stepping"},
+    "asked in Python": {"scheme": "time-stepping", "compiled": "never"},
 }
 SOFT = {"contact_model": "soft"}
 FOOT, HEAD, KNEE = 0, 1, 2

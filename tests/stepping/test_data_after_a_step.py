@@ -14,7 +14,6 @@ from impactlaw import Moreau, Stepper
 WAYS = {
     "soft": {"contact_model": "soft"},
     "time-stepping": {"scheme": "time-stepping"},
-    "in Python": {"scheme": "time-stepping", "compiled": "never"},
     "event-driven": {},
 }
 every_way = pytest.mark.parametrize("way", WAYS)

@@ -240,7 +240,6 @@ def _gap(model, data):
     [
         {},
         {"scheme": "time-stepping"},
-        {"scheme": "time-stepping", "compiled": "never"},
         {"contact_model": "soft"},
         {"contact_model": "soft", "compiled": "never"},
     ],

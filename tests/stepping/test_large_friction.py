@@ -7,7 +7,7 @@ from scenes import compiled
 from impactlaw import Batch, Moreau, Stepper
 from impactlaw.errors import DivergenceError, SceneError, WorldsFailedError
 
-WAYS = [{}, {"scheme": "time-stepping"}, {"scheme": "time-stepping", "compiled": "never"}]
+WAYS = [{}, {"scheme": "time-stepping"}]
 
 
 def box_above(mu, condim=3):

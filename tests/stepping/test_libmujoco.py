@@ -64,7 +64,6 @@ def test_a_callback_that_was_set_from_c_is_put_back():
     [
         {},
         {"scheme": "time-stepping"},
-        {"scheme": "time-stepping", "compiled": "never"},
         {"contact_model": "soft"},
         {"contact_model": "soft", "compiled": "never"},
     ],

@@ -73,7 +73,7 @@ def test_changes_that_need_nothing_new(way):
 
 def test_a_copy_looks_at_its_own_model():
     model, data = block('friction="0 0 0"')
-    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping", compiled="never")
+    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping")
     other = copy.deepcopy(stepper)
     give_friction(other.model)
     stepper.step(data)
@@ -241,7 +241,7 @@ def test_friction_of_the_override(way):
     np.testing.assert_allclose(event.impact.post_velocity[0], 2.0 - 0.1 * 3.0, rtol=0, atol=0.01)
 
 
-@pytest.mark.parametrize("way", ["time-stepping", "time-stepping in Python", "event-driven"])
+@pytest.mark.parametrize("way", ["time-stepping", "event-driven"])
 @pytest.mark.parametrize("friction", ["coulomb", "convex", "ignore"])
 def test_the_override_that_comes_later(way, friction):
     """It is refused where contacts have friction, and only while it is on."""

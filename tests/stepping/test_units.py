@@ -9,7 +9,6 @@ from impactlaw import Moreau, Stepper
 WAYS = {
     "event-driven": {},
     "time-stepping": {"scheme": "time-stepping"},
-    "time-stepping in Python": {"scheme": "time-stepping", "compiled": "never"},
 }
 LENGTHS = pytest.mark.parametrize("meter", [100.0, 1000.0], ids=["cm", "mm"])
 
@@ -52,7 +51,7 @@ def test_a_table_that_moves_smoothly_is_not_struck(meter, way):
     assert height == pytest.approx(expected, abs=1e-7)
 
 
-def swung(meter, **way):
+def swung(meter):
     """Return the position of a bob on a taut rope after 0.4 s, m, and the number of its collisions."""
     model, data = scene(
         meter,
@@ -62,23 +61,22 @@ def swung(meter, **way):
         ),
         lambda x: f'<spatial limited="true" range="0 {x(0.8)}"><site site="hook"/><site site="bob"/></spatial>',
     )
-    stepper, collisions = Stepper(model, Moreau(0.0), **way), 0
+    stepper, collisions = Stepper(model, Moreau(0.0), scheme="time-stepping"), 0
     for _ in range(200):
         stepper.step(data)
         collisions += stepper.sums.collisions
     return data.qpos[:3] / meter, collisions
 
 
-@pytest.mark.parametrize("way", ["time-stepping", "time-stepping in Python"])
 @LENGTHS
-def test_a_rope_whose_direction_turns_does_not_collide_in_every_step(meter, way):
-    place, collisions = swung(meter, **WAYS[way])
-    expected, before = swung(1.0, **WAYS[way])
+def test_a_rope_whose_direction_turns_does_not_collide_in_every_step(meter):
+    place, collisions = swung(meter)
+    expected, before = swung(1.0)
     assert max(collisions, before) <= 10  # of 200 steps: the first ones, in which the rope begins to turn
     assert place == pytest.approx(expected, abs=1e-5)
 
 
-def launched(meter, **way):
+def launched(meter):
     """Return positions of two touching balls a step after one was launched at the other, m."""
     model, data = scene(
         meter,
@@ -87,19 +85,17 @@ def launched(meter, **way):
             for i in range(2)
         ),
     )
-    data.qvel[0], stepper = meter, Stepper(model, Moreau(0.5), **way)
+    data.qvel[0], stepper = meter, Stepper(model, Moreau(0.5), scheme="time-stepping")
     stepper.step(data)
     return data.qpos / meter
 
 
-@pytest.mark.parametrize("way", ["time-stepping", "time-stepping in Python"])
 @LENGTHS
-def test_bodies_that_meet_in_the_first_step_are_moved_apart_at_once(meter, way):
-    assert launched(meter, **WAYS[way]) == pytest.approx(launched(1.0, **WAYS[way]), abs=1e-7)
+def test_bodies_that_meet_in_the_first_step_are_moved_apart_at_once(meter):
+    assert launched(meter) == pytest.approx(launched(1.0), abs=1e-7)
 
 
-@pytest.mark.parametrize("compiled", ["auto", "never"])
-def test_limits_of_hinges_do_not_depend_on_the_unit_of_length(compiled):
+def test_limits_of_hinges_do_not_depend_on_the_unit_of_length():
     """A door in millimeters that is shut at 0.5 rad/s bounces off its limit with e."""
     model, data = scene(
         1000.0,
@@ -109,7 +105,7 @@ def test_limits_of_hinges_do_not_depend_on_the_unit_of_length(compiled):
         ),
     )
     data.qpos[0], data.qvel[0] = 0.05, -0.5
-    stepper = Stepper(model, Moreau(0.6), scheme="time-stepping", compiled=compiled)
+    stepper = Stepper(model, Moreau(0.6), scheme="time-stepping")
     for _ in range(100):
         stepper.step(data)
     assert data.qvel[0] == pytest.approx(0.3, rel=1e-9)

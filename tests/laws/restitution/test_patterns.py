@@ -109,7 +109,7 @@ def test_unnamed_geoms_have_the_names_of_their_bodies_or_numbers():
 @pytest.mark.parametrize(
     "options",
     [{}, {"scheme": "time-stepping"}, {"scheme": "time-stepping", "compiled": "never"}, {"contact_model": "soft"}],
-    ids=["event-driven", "compiled", "python", "soft"],
+    ids=["event-driven", "time-stepping", "time-stepping, asked in Python", "soft"],
 )
 def test_in_every_way_to_step(options):
     model, data = compiled(BALLS, option=OPTION, geom='condim="1" margin="0.02" gap="0.02"')

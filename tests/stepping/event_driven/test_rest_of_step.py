@@ -249,7 +249,7 @@ def test_contacts_that_time_stepping_had_no_room_for_are_counted():
     model = mujoco.MjModel.from_xml_string(
         f'<mujoco><size memory="300K"/><worldbody>{FLOOR}{boxes}</worldbody></mujoco>'
     )
-    for options in ({}, {"scheme": "time-stepping"}, {"scheme": "time-stepping", "compiled": "never"}):
+    for options in ({}, {"scheme": "time-stepping"}):
         data = mujoco.MjData(model)
         data.qvel[2::6] = -1.0
         stepper = Stepper(model, Moreau(0.5), **options)

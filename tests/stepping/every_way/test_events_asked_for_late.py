@@ -1,4 +1,4 @@
-"""Compiled steps find their events by repeating the step: with the same model, or not at all."""
+"""Steps find their events by being repeated, with the same model, or not at all, unless they keep collisions."""
 
 import mujoco
 import pytest
@@ -46,7 +46,7 @@ def test_a_model_that_has_changed_is_an_error(way, change):
 
 @pytest.mark.parametrize("change", [less_friction, no_contact, smaller])
 @pytest.mark.parametrize(("way", "code"), [(WAYS[0], "never"), (WAYS[1], "never"), (WAYS[2], None)], ids=str)
-def test_python_steps_have_told_them_already(way, code, change):
+def test_collisions_that_steps_keep_are_told_all_the_same(way, code, change):
     model, stepper = collided(way, code)
     change(model)
     (event,) = stepper.events

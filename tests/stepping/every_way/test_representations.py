@@ -11,7 +11,6 @@ from impactlaw import Moreau, Newton, Poisson, Stepper
 WAYS = {
     "event-driven": {},
     "time-stepping": {"scheme": "time-stepping"},
-    "time-stepping in Python": {"scheme": "time-stepping", "compiled": "never"},
 }
 GEOMS = (
     '<geom type="box" size=".1 .08 .06" pos=".02 0 .01" mass="1"/>',

@@ -14,7 +14,6 @@ from impactlaw import Batch, Moreau, Stepper
 WAYS: dict[str, dict[str, Any]] = {
     "event-driven": {"scheme": "event-driven"},
     "time-stepping": {"scheme": "time-stepping"},
-    "time-stepping in Python": {"scheme": "time-stepping", "compiled": "never"},
     "soft": {"contact_model": "soft"},
     "soft in Python": {"contact_model": "soft", "compiled": "never"},
     "batch": {"contact_model": "rigid"},
