@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from impactlaw import Batch, Moreau, Newton, Stepper
+from impactlaw import Batch, Law, Moreau, Newton, Stepper
 
 _ON_A_RAIL = """<mujoco>
   <option timestep="0.002" gravity="0 0 0"/>
@@ -16,10 +16,10 @@ _ON_A_RAIL = """<mujoco>
     </body>
   </worldbody>
 </mujoco>"""
-_MOREAU = Moreau(0.5)
+_MOREAU: Law = Moreau(0.5)
 
 
-def _stepped(friction, *, law=_MOREAU, compiled=None, steps=5):
+def _stepped(friction, *, law: Law = _MOREAU, compiled=None, steps=5):
     model = mujoco.MjModel.from_xml_string(_ON_A_RAIL.format(friction=friction))
     data, stepper = mujoco.MjData(model), Stepper(model, law, scheme="time-stepping", compiled=compiled)
     data.qvel[0] = 2.0

@@ -101,7 +101,9 @@ def test_a_law_in_compiled_code_is_that_of_python(scene: str, move: str, law: st
 def test_environments_step_alike_where_the_law_is_asked_in_python(name: str):
     env = gymnasium.make(f"impactlaw/{name}-v0", scheme="time-stepping").unwrapped
     assert isinstance(env, impactlaw.envs.ImpactEnv)
-    (ours, python), one = _both(env.model, Newton({"*": env.law.common_coefficient})), env.data
+    restitution = env.law.common_coefficient
+    assert restitution is not None
+    (ours, python), one = _both(env.model, Newton({"*": restitution})), env.data
     other, rng, collisions = mujoco.MjData(env.model), np.random.default_rng(0), 0
 
     def move(data: mujoco.MjData, time: float) -> None:
