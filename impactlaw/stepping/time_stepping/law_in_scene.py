@@ -14,6 +14,7 @@ from impactlaw.laws.fremond import Reversal
 from impactlaw.scene.contacts import geom_names
 from impactlaw.scene.joint_limits import Limits
 from impactlaw.scene.moving_surfaces import Surfaces
+from impactlaw.scene.pairs import some_side_by_side
 from impactlaw.scene.tolerances import meter
 from impactlaw.stepping.compatibility import check_time_stepping
 from impactlaw.stepping.compiled.law_table import Coefficients
@@ -21,10 +22,12 @@ from impactlaw.stepping.law_targets import LawTargets
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.time_stepping.compiled.state.law import reason
 from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
+from impactlaw.stepping.time_stepping.problem.detection.standing_cylinders import CYLINDER, PLANE
 from impactlaw.stepping.time_stepping.problem.forces import listed_stage
 from impactlaw.stepping.time_stepping.problem.tiny_gaps import TOUCHING
-from impactlaw.stepping.time_stepping.temporary_options import TemporaryOptions
 from impactlaw.stepping.time_stepping.tolerances import REST_SPEED
+
+_BODY = int(mujoco.mjtTrn.mjTRN_BODY)
 
 
 class LawInScene:
@@ -48,7 +51,6 @@ class LawInScene:
         names: names of geoms, as in labels of contacts.
         limits: the limits of joints and tendons.
         inertial: Coriolis and gyroscopic forces.
-        options: options that a step changes in the model while MuJoCo's callbacks are set.
         carriers: the mocap body that carries each geom, see `Surfaces`, int32 (ngeom,).
     """
 
@@ -72,7 +74,10 @@ class LawInScene:
         self._surfaces = 0.0 if surfaces is None else 1.0 + surfaces.meet
         self.carriers = np.full(model.ngeom, -1, np.int32) if surfaces is None else surfaces.carrier
         self.names, self.limits, self._meter = geom_names(model), Limits(model), meter(model.opt.gravity)
-        self.inertial, self.options, self._listed = InertialForces(model), TemporaryOptions(model), listed_stage(model)
+        self.inertial, self._listed = InertialForces(model), listed_stage(model)
+        self._sticks = bool(model.flg_adhesion or (model.actuator_trntype == _BODY).any())
+        shapes = set(model.geom_type.tolist())
+        self._stands, self._beside = shapes >= {PLANE, CYLINDER}, some_side_by_side(model)
         self._take(law)
 
     def _take(self, law: Law) -> None:
@@ -103,7 +108,7 @@ class LawInScene:
 
     def settings(self) -> tuple[float, ...]:
         """Return the options in the form of compiled code, see `compiled.state.world.Settings`."""
-        targets, options = self.targets, self.options
+        targets = self.targets
         dissipative = {"project": 1.0, "allow": 0.0, "raise": -1.0}[self.on_inadmissible]
         return (
             self._rest_speed,
@@ -112,16 +117,16 @@ class LawInScene:
             dissipative,
             float(self._friction),
             float(self.inertial.act),
-            float(options.sticks),
+            float(self._sticks),
             1.0,
             np.nan if targets.restitution is None else targets.restitution,
             targets.law.restitution if isinstance(targets.law, Reversal) else np.nan,
             self._surfaces,
             0.0,
-            float(options.stands),
+            float(self._stands),
             float(self._listed),
             self._meter,
-            float(options.beside),
+            float(self._beside),
             self._touching,
             0.0 if not self.asks else 1.0 if targets.alone else 2.0,
         )

@@ -43,7 +43,7 @@ from impactlaw.stepping.integration import STEP_STATE, check_input, check_timest
 from impactlaw.stepping.time_stepping.callbacks import errors_of_callbacks
 from impactlaw.stepping.time_stepping.calls import Calls, Posed
 from impactlaw.stepping.time_stepping.compiled.entry import CONTEXT, single
-from impactlaw.stepping.time_stepping.compiled.model_copy import room
+from impactlaw.stepping.time_stepping.compiled.model_copy import changed_in_place, room
 from impactlaw.stepping.time_stepping.compiled.state import memory, status
 from impactlaw.stepping.time_stepping.compiled.state.hook import HOOK
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY
@@ -193,7 +193,7 @@ class TimeStepping(OneWorld):
 
         Return how it has ended. After an error of a callback, data and memory are as before.
         """
-        calls, fields, options = self._calls, self._fields, self.law.options
+        calls, fields = self._calls, self._fields
         calls.begin(data)
         given, asks = (fields[CONTEXT.structure], fields[CONTEXT.python]), self._settings[SETTING.asks]
         fields[CONTEXT.structure], fields[CONTEXT.python] = self._model._address, calls.hook.ctypes.data
@@ -202,9 +202,11 @@ class TimeStepping(OneWorld):
         if np.isnan(self._settings[[SETTING.restitution, SETTING.reversal]]).all():
             self._settings[SETTING.asks] = asks or 1.0  # a table that lacks a contact would call callbacks again
         try:
-            with errors_of_callbacks(), options:
-                calls.hook[HOOK.cone] = options.cone
-                return (self._entry or self._open()).call(data._address)
+            with errors_of_callbacks(), changed_in_place(self._model):
+                how = (self._entry or self._open()).call(data._address)
+            if how > 0:
+                mujoco.mj_fwdPosition(self._model, data)  # contacts are those of the user's margins again
+            return how
         except BaseException:
             restore_state(self._model, data, self._state, STEP_STATE)
             mujoco.mj_fwdPosition(self._model, data)

@@ -36,7 +36,7 @@ class Context(NamedTuple):
     known: int = 10
     memory: int = 11  # memory of the world, and its size
     memories: int = 12
-    structure: int = 13  # room for a copy of the model's structure; the model itself, if it has the options of the step
+    structure: int = 13  # room for a copy of the model's structure, or the model itself, see `copy_model`
     margins: int = 14  # room for the margins of the copy, and their number
     margin_count: int = 15
     state: int = 16  # room for the state, and its size

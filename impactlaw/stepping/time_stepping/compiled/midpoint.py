@@ -56,10 +56,10 @@ from impactlaw.stepping.time_stepping.compiled.state.surfaces import (
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.margins import ALWAYS, narrow, outruns, write_arms, write_margins, write_sizes
 from impactlaw.stepping.time_stepping.problem.detection.contact_points import mend
-from impactlaw.stepping.time_stepping.temporary_options import EXACT
 from impactlaw.stepping.time_stepping.tolerances import SHARES
 
 _EULER, _CONSTRAINT = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+_EXACT = int(mujoco.mjtEnableBit.mjENBL_DIAGEXACT)
 _CONTACT_FULL, _ROWS_FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)
 
 
@@ -190,7 +190,7 @@ def _find(w, now):
 def _make_rows(w):
     """Make the rows of constraints, with exact diagonals of ``J M^-1 J^T`` if the user has chosen them."""
     mj.make_constraint(w.model, w.data)
-    if option(w, MODEL.opt_enableflags) & EXACT:
+    if option(w, MODEL.opt_enableflags) & _EXACT:
         mj.project_constraint(w.model, w.data)
 
 

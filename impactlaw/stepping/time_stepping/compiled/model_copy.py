@@ -1,15 +1,24 @@
 """Copy the model's structure for one step with its own options and margins; the user's model stays unchanged.
 
 The copy shares all arrays except margins and ranges of tendons, so that many threads can step worlds of one model.
+
+Cones are elliptic, and no body sleeps. MuJoCo's gaps count only if bodies stick across them. RK4 becomes Euler, and the
+implicit integrators become implicitfast, whose mass matrix is symmetric.
 """
 
 from __future__ import annotations
+
+import ctypes
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from impactlaw.scene.tolerances import NEVER
 from impactlaw.solvers.cones.algebra.loops import plain, put
+from impactlaw.stepping.compiled import layout
 from impactlaw.stepping.compiled.access import model_floats, size
 from impactlaw.stepping.compiled.fields import (
     MODEL,
@@ -23,11 +32,12 @@ from impactlaw.stepping.compiled.fields import (
     put_int,
     put_long,
 )
-from impactlaw.stepping.time_stepping import temporary_options
 
-_OFF, _ON = temporary_options.OFF, temporary_options.ON
-_EULER, _RK4, _FAST = temporary_options.EULER, temporary_options.RK4, temporary_options.FAST
-_ELLIPTIC, _NEWTON = temporary_options.ELLIPTIC, temporary_options.NEWTON
+_EULER, _RK4 = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtIntegrator.mjINT_RK4)
+_FAST = int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
+_OFF = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET) | int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
+_ON = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE) | int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+_ELLIPTIC, _NEWTON = int(mujoco.mjtCone.mjCONE_ELLIPTIC), int(mujoco.mjtSolver.mjSOL_NEWTON)
 _NO_DAMPING = int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP) | int(mujoco.mjtDisableBit.mjDSBL_DAMPER)
 _WRAP_JOINT = int(mujoco.mjtWrap.mjWRAP_JOINT)
 _POLYNOMIAL = 2  # number of coefficients of each degree of freedom, MuJoCo's mjNPOLY
@@ -44,6 +54,25 @@ _MARGINS = (
     (MODEL.pair_gap, MODEL.npair),
 )  # fmt: skip
 """Margins and gaps that a step changes, and their numbers."""
+_ARRAYS = (*(field for field, _ in _MARGINS), MODEL.tendon_range)
+_OPTIONS = (
+    MODEL.opt_disableflags, MODEL.opt_enableflags, MODEL.opt_cone, MODEL.opt_solver, MODEL.opt_noslip_iterations,
+    MODEL.opt_integrator,
+)  # fmt: skip
+
+
+@contextmanager
+def changed_in_place(model: Any) -> Iterator[None]:
+    """Let `copy_model` write into the user's own model, and restore what it writes at the end."""
+    kinds: Any = (ctypes.c_void_p, _ARRAYS), (ctypes.c_int, _OPTIONS)
+    table = layout.table()
+    places = [kind.from_address(model._address + int(table[field])) for kind, fields in kinds for field in fields]
+    kept = [place.value for place in places]
+    try:
+        yield
+    finally:
+        for place, value in zip(places, kept, strict=True):
+            place.value = value
 
 
 @plain
@@ -57,7 +86,7 @@ def copy_model(user, model, margins, table, sticks):
 
     Args:
         user: address of the model.
-        model: address of its copy.
+        model: address of its copy, or of the model itself, see `changed_in_place`.
         margins: room for margins and for ranges of tendons, (room,).
         table: address of offsets of fields.
         sticks: whether bodies can stick across gaps.

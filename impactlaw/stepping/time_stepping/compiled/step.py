@@ -240,16 +240,13 @@ def advance(
         values: restitution of these contacts.
         asked: key of a contact that is not known, (1,), written.
         memory: memory of the world, see `memory.Memory`.
-        model: address of room for a copy of the model's structure; or of the model, if it has the options of the step.
+        model: address of room for a copy of the model's structure, see `copy_model`.
         margins: room for its margins, `model_copy.room`.
         state: room for the state; at the end it holds the state from the start of the step.
         loaded: whether only the state of data is current.
         python: see `world.World`.
     """
-    if model == user:
-        cone = np.int32(longs(python, len(HOOK))[HOOK.cone])
-    else:
-        cone = copy_model(user, model, margins, table, float_at(settings + 8 * SETTING.sticks) != 0.0)
+    cone = copy_model(user, model, margins, table, float_at(settings + 8 * SETTING.sticks) != 0.0)
     h = float_at(model + long_at(table + 8 * MODEL.opt_timestep))
     if not 0.0 < h < np.inf:
         return TIMESTEP

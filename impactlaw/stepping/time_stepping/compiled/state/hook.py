@@ -19,9 +19,8 @@ class Hook(NamedTuple):
     middle: int = 1  # address of the position in the middle of the step, (nq,), written
     controls: int = 2  # whether there is a control callback to call
     keeps: int = 3  # whether collisions are kept
-    cone: int = 4  # kind of friction cone that the user has chosen, if the model has the options of the step
-    damped: int = 5  # whether the integrator damps implicitly, written
-    watches: int = 6  # whether problems are passed on
+    damped: int = 4  # whether the integrator damps implicitly, written
+    watches: int = 5  # whether problems are passed on
 
 
 class Call(NamedTuple):
