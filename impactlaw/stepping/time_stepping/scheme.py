@@ -37,6 +37,7 @@ from impactlaw.solvers import load_solvers
 from impactlaw.stepping.compatibility import refuse_override
 from impactlaw.stepping.compiled.engine import when_gone
 from impactlaw.stepping.compiled.fields import SIZE
+from impactlaw.stepping.compiled.layout import empty_stack
 from impactlaw.stepping.compiled.one_world import OneWorld
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import STEP_STATE, check_input, check_timestep, empty_state, restore_state
@@ -208,6 +209,7 @@ class TimeStepping(OneWorld):
                 mujoco.mj_fwdPosition(self._model, data)  # contacts are those of the user's margins again
             return how
         except BaseException:
+            empty_stack(data)
             restore_state(self._model, data, self._state, STEP_STATE)
             mujoco.mj_fwdPosition(self._model, data)
             memory.restore(self.numbers, self._before.copy(), memory.raw(self._before))
@@ -221,8 +223,9 @@ class TimeStepping(OneWorld):
         """Return the error of a step that has ended like this."""
         if how < 0:
             self._fail(data, self._state, (self._entry or self._open()).message)
-        if how == status.RAISED and self._calls.error is not None:
-            return self._calls.error
+        error, self._calls.error = self._calls.error, None
+        if error is not None:
+            return error
         if how == status.TIMESTEP:
             check_timestep(self._model.opt.timestep)
         if how == status.OVERRIDDEN:
