@@ -10,6 +10,7 @@ import pytest
 
 from impactlaw import Moreau, Stepper
 from impactlaw.stepping.compiled.libmujoco import without_callbacks
+from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY
 
 BOXES = """<mujoco><option timestep="0.03"/><worldbody><geom type="plane" size="1 1 1"/>
   <body pos="0 0 .12"><freejoint/><geom type="box" size=".1 .05 .02"/></body>
@@ -69,8 +70,10 @@ def test_errors_of_callbacks_are_raised_and_lose_nothing(name):
         with pytest.raises(ValueError, match="from the callback"):
             for _ in range(3):
                 before = data.time, data.qpos[0], data.qvel[0]
+                memory = stepper.stepping.numbers[MEMORY.known :].copy()  # pyright: ignore[reportAttributeAccessIssue]
                 stepper.step(data)
         assert (data.time, data.qpos[0], data.qvel[0]) == before
+        np.testing.assert_array_equal(stepper.stepping.numbers[MEMORY.known :], memory)  # pyright: ignore[reportAttributeAccessIssue]
         assert getattr(mujoco, f"get_mjcb_{name}")() is callback
         for _ in range(10):
             stepper.step(data)
