@@ -65,6 +65,19 @@ model_ints, model_floats = (_arrays(model_at, read) for read in (ints, floats))
 data_ints, data_floats = (_arrays(data_at, read) for read in (ints, floats))
 
 
+def _of_rows(read: Any) -> Any:
+    """Return a compiled function that returns a field of MuJoCo's rows of constraints, (nefc,)."""
+
+    @kernel
+    def of(w, field):
+        return read(w, field, number(w, DATA.nefc))
+
+    return of
+
+
+row_ints, row_floats = _of_rows(data_ints), _of_rows(data_floats)
+
+
 def _of_contacts(read: Any, width: int) -> Any:
     """Return a compiled function that returns a field of MuJoCo's contacts with entries of some bytes, (ncon, many)."""
 

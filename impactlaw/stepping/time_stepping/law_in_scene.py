@@ -20,9 +20,9 @@ from impactlaw.stepping.compatibility import check_time_stepping
 from impactlaw.stepping.compiled.law_table import Coefficients
 from impactlaw.stepping.law_targets import LawTargets
 from impactlaw.stepping.plan import Plan
+from impactlaw.stepping.time_stepping.compiled.detection.standing_cylinders import CYLINDER, PLANE
 from impactlaw.stepping.time_stepping.compiled.state.law import reason
 from impactlaw.stepping.time_stepping.inertial_forces import InertialForces
-from impactlaw.stepping.time_stepping.problem.detection.standing_cylinders import CYLINDER, PLANE
 from impactlaw.stepping.time_stepping.problem.forces import listed_stage
 from impactlaw.stepping.time_stepping.problem.tiny_gaps import TOUCHING
 from impactlaw.stepping.time_stepping.tolerances import REST_SPEED

@@ -16,7 +16,7 @@ from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums, LazyEvents,
 from impactlaw.stepping.integration import STEP_STATE, restore_state
 from impactlaw.stepping.time_stepping.compiled.state import memory
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY
-from impactlaw.stepping.time_stepping.compiled.state.sums import SUMS
+from impactlaw.stepping.time_stepping.compiled.state.room import SUMS
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING
 from impactlaw.stepping.time_stepping.law_in_scene import LawInScene
 from impactlaw.stepping.time_stepping.tolerances import SLOWEST

@@ -48,8 +48,14 @@ SLOWEST = 1e-2
 SHARES = 0.5, 0.4, 0.0
 """Factors by which margins are reduced, one after another, if there are too many contacts.
 
-With the first one they are as large as the travel of bodies in a step, see `margins.SLACK`.
+With the first one they are as large as the travel of bodies in a step, see `SLACK`.
 """
+LEAST = 1e-5
+"""Least reach of detection, m or rad, with which closed contacts of bodies at rest are found."""
+SLACK = 2.0
+"""Ratio of the reach to the travel of a body in a step: more finds contacts in vain, less needs more detections."""
+ALWAYS = 1e6
+"""Margin, m or rad, with which all limits are found."""
 HUGE = mujoco.mjMAXVAL
 """MuJoCo treats larger numbers as a mistake."""
 

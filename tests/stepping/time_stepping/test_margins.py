@@ -8,7 +8,10 @@ from stepping.time_stepping.stepped import FLOOR, stepping
 
 from impactlaw import Moreau
 from impactlaw.compiled import for_python
-from impactlaw.stepping.time_stepping.margins import SLACK, outruns, write_margins, write_sizes
+from impactlaw.stepping.compiled.layout import table
+from impactlaw.stepping.time_stepping.compiled.margins import find_sizes, outruns, write_margins
+from impactlaw.stepping.time_stepping.compiled.state.world import World
+from impactlaw.stepping.time_stepping.tolerances import SLACK
 
 H = 1e-3
 
@@ -43,21 +46,18 @@ def scene(rng, trees, root):
 
 
 def reached(model, data, led_to):
-    """Return the margins of bodies for one step, and set those of geoms in the model."""
-    size, now = np.zeros(model.nbody), data.cvel.copy()
-    geoms = model.geom_type, model.geom_bodyid, model.geom_pos, model.geom_rbound
-    for_python(write_sizes)(size, *geoms, model.body_ipos)
-    for_python(write_margins)(
-        model.body_margin, model.geom_margin, model.geom_gap, model.pair_margin, model.pair_gap, model.jnt_margin,
-        model.tendon_margin, *places(model, data, size), now, led_to, 0.0, H, 9.81, np.zeros((5, model.nbody)),
-    )  # fmt: skip
-    return size
+    """Set margins in the model for one step; return the sizes of bodies."""
+    sizes = np.zeros(model.nbody + model.nmocap)
+    w = world(model, data, sizes)
+    for_python(find_sizes)(w, 0)
+    for_python(write_margins)(w, data.cvel.copy(), led_to, np.zeros(5 * model.nbody))
+    return sizes
 
 
-def places(model, data, size):
-    """Return the arrays that describe bodies and shapes."""
-    bodies = model.body_rootid, model.body_treeid, model.body_mocapid, size, data.xipos, data.subtree_com
-    return bodies, (model.geom_bodyid, model.geom_type, data.geom_xpos, data.geom_xmat, model.geom_aabb)
+def world(model, data, sizes):
+    """Return the scene as compiled code sees it; its mocap bodies do not move."""
+    at = model._address, data._address, 0, table().ctypes.data, 0, sizes.ctypes.data, 0
+    return World(*at, model.nv, H, False, 0, 0, 0)
 
 
 def velocities_of_bodies(model, data, qvel):
@@ -116,16 +116,15 @@ def test_no_two_geoms_come_to_each_other_from_farther_than_their_margins(trees, 
         mujoco.mj_forward(model, data)
         cvel = velocities_of_bodies(model, data, data.qvel)
         led_to = velocities_of_bodies(model, data, data.qvel + rng.normal(size=model.nv))
-        size, apart = reached(model, data, led_to), distances(model, data)
+        sizes, apart = reached(model, data, led_to), distances(model, data)
         far = model.geom_margin[:, None] + model.geom_margin[None]
         for velocity in (cvel, led_to):
             approach = SLACK * H * fastest_approaches(rng, model, data, velocity)
             assert (approach <= far)[pairs_that_may_meet(model, apart, approach)].all()
         for scale in (0.3, 1.0, 3.0):  # a collision can cause any velocity
             after = velocities_of_bodies(model, data, scale * rng.permutation(data.qvel))
-            if not for_python(outruns)(
-                model.geom_margin, *places(model, data, size), after, H, np.zeros((2, model.nbody))
-            ):
+            data.cvel[:] = after
+            if not for_python(outruns)(world(model, data, sizes), np.zeros(2 * model.nbody)):
                 approach = H * fastest_approaches(rng, model, data, after)
                 assert (approach <= far)[pairs_that_may_meet(model, apart, approach)].all()
 

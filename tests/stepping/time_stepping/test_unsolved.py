@@ -13,7 +13,7 @@ from impactlaw.solvers.cones import CONE
 from impactlaw.stepping.compiled.whitening import Inertia
 from impactlaw.stepping.time_stepping.calls import Posed
 from impactlaw.stepping.time_stepping.problem import energy
-from impactlaw.stepping.time_stepping.problem.rows import Rows
+from impactlaw.stepping.time_stepping.problem.rows import Known, Rows
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import Aims, Method
 from impactlaw.stepping.time_stepping.problem.solution.resolve import resolve
 from impactlaw.stepping.time_stepping.scheme import TimeStepping
@@ -39,7 +39,7 @@ def _resolve(rows: Rows, target: list[float], tree: np.ndarray) -> Resolved:
     """Resolve contacts of masses of 1 kg on rails, each a tree of bodies, with all restitution, without friction."""
     nv, g, none, no = len(tree), len(target), np.zeros(len(target), dtype=bool), np.zeros(0)
     one, count, at = np.ones(nv), np.ones(nv, np.int32), np.arange(nv, dtype=np.int32)
-    known = np.zeros((4, 0), np.int32), np.zeros(0, np.int64), no, no
+    known = Known(np.zeros((4, 0), np.int32), np.zeros(0, np.int64), no, no, np.zeros((2, 0)))
     change, shift = np.zeros((2, nv))
     found = _resolve_to(
         rows, Aims(np.array(target), np.zeros(g), none), none, known, Method(tree, True, 1, np.ones(1)),

@@ -16,14 +16,13 @@ from impactlaw.solvers.cones.algebra.loops import FIRST, clear, cleared, dot, ke
 from impactlaw.stepping.compiled.access import (
     bodies_of,
     contact_ints,
-    data_ints,
     model_floats,
     model_ints,
-    number,
     option,
+    row_ints,
     size,
 )
-from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, flags
+from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL
 
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 _MOST = 2e7  # operations for the constraints of a step (hundreds of them) above which no contact counts as tied
@@ -164,31 +163,12 @@ def _write_least(w, least):
 @kernel
 def mark_tied(w, constraints, jacobian, tied):
     """Write which contacts of a world are tied, see `find_tied`."""
-    n, weight, least = number(w, DATA.nefc), numbers(w.nv), numbers(len(tied))
+    weight, least = numbers(w.nv), numbers(len(tied))
     write_lengths(w, weight)
     _write_least(w, least)
     address, dim = contact_ints(w, CONTACT.efc_address, 1)[:, 0], contact_ints(w, CONTACT.dim, 1)[:, 0]
     pyramidal, paired = option(w, MODEL.opt_cone) == _PYRAMIDAL, cleared(len(tied))
     for c in range(len(tied)):
         paired[c] = pyramidal and dim[c] > 1
-    kinds, of_rows = data_ints(w, DATA.efc_type, n), data_ints(w, DATA.efc_id, n)
+    kinds, of_rows = row_ints(w, DATA.efc_type), row_ints(w, DATA.efc_id)
     find_tied(kinds, of_rows, constraints, jacobian, weight, address, paired, least, tied)
-
-
-@kernel
-def leave_tied_out(w, jacobian, chosen):
-    """Unselect MuJoCo's rows of contacts that are tied, bool (nefc,).
-
-    Args:
-        w: the world with current contacts; its `bilateral` is the address of the kinds of equality constraints.
-        jacobian: the Jacobian of its rows.
-        chosen: written.
-    """
-    many = number(w, DATA.ncon)
-    if number(w, DATA.ne) == 0 or many == 0:
-        return
-    address, tied = contact_ints(w, CONTACT.efc_address, 1)[:, 0], cleared(many)
-    mark_tied(w, flags(w.bilateral, size(w, MODEL.neq)), jacobian, tied)
-    for c in range(many):
-        if tied[c]:
-            chosen[address[c]] = False

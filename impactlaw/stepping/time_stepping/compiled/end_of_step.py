@@ -11,7 +11,6 @@ from impactlaw.solvers.cones.algebra.loops import (
     clear,
     cleared,
     copied,
-    integers,
     kernel,
     marks,
     numbers,
@@ -23,43 +22,30 @@ from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
     contact_floats,
     contact_ints,
-    contacts_of,
     data_at,
     data_floats,
     data_ints,
     jacobian_of,
     layout_of_trees,
-    model_floats,
     model_ints,
     number,
     offset,
-    shapes_of,
     size,
     velocity_of,
 )
-from impactlaw.stepping.compiled.dense import encode_pyramids, leave_open_out
 from impactlaw.stepping.compiled.fields import (
     CONTACT,
     DATA,
     MODEL,
-    SIZE,
     address_of,
     flags,
-    floats,
-    ints,
     keep,
-    long_at,
     put_int,
 )
-from impactlaw.stepping.compiled.left_out.tied_contacts import leave_tied_out
-from impactlaw.stepping.time_stepping.compiled.impulses.rows import count, read
-from impactlaw.stepping.time_stepping.compiled.model_copy import limit_margins, widen_limits
-from impactlaw.stepping.time_stepping.compiled.standing_cylinders import find_standing
-from impactlaw.stepping.time_stepping.compiled.state.kinds import BOOLEAN, NUMBERS, WORLD
-from impactlaw.stepping.time_stepping.compiled.state.room import rows_at, rows_size
-from impactlaw.stepping.time_stepping.compiled.state.surfaces import surface_speed
-from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World, metric_of, setting
-from impactlaw.stepping.time_stepping.end_correction import (
+from impactlaw.stepping.time_stepping.compiled.detection.chosen_rows import leave_tied_out
+from impactlaw.stepping.time_stepping.compiled.detection.nearest_points import find_nearest
+from impactlaw.stepping.time_stepping.compiled.detection.standing_cylinders import find_standing
+from impactlaw.stepping.time_stepping.compiled.end_correction import (
     BEYOND,
     CLOSE,
     LAST_LOSS,
@@ -69,9 +55,13 @@ from impactlaw.stepping.time_stepping.end_correction import (
     bend,
     end_targets,
 )
-from impactlaw.stepping.time_stepping.margins import LEAST
-from impactlaw.stepping.time_stepping.problem.detection.nearest_points import add_ends, add_nearest
-from impactlaw.stepping.time_stepping.problem.overlaps import COUNTED, begins_deep, open_overlaps
+from impactlaw.stepping.time_stepping.compiled.impulses.rows import count, read
+from impactlaw.stepping.time_stepping.compiled.listed_contacts import leave_open_out, write_pyramids
+from impactlaw.stepping.time_stepping.compiled.model_copy import limit_margins, widen_limits
+from impactlaw.stepping.time_stepping.compiled.state.kinds import BOOLEAN, NUMBERS, WORLD
+from impactlaw.stepping.time_stepping.compiled.state.room import rows_at, rows_size
+from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World, metric_of, setting
+from impactlaw.stepping.time_stepping.problem.overlaps import COUNTED, open_overlaps
 from impactlaw.stepping.time_stepping.problem.rows import ROWS, entries_of
 
 _PYRAMIDAL, _ELLIPTIC = int(mujoco.mjtCone.mjCONE_PYRAMIDAL), int(mujoco.mjtCone.mjCONE_ELLIPTIC)
@@ -94,33 +84,6 @@ def update_inertia(w):
     mj.make_m(w.model, w.data)
 
 
-@kernel
-def _leave_open_out(w, force):
-    """Remove open contacts without force from MuJoCo's list; return how many are left. ``force`` is (nefc,)."""
-    many, each = number(w, DATA.ncon), offset(w, SIZE.contact) // 4
-    count = leave_open_out(
-        force, contact_floats(w, CONTACT.dist, 1)[:, 0], LEAST, contact_ints(w, CONTACT.dim, 1)[:, 0],
-        contact_ints(w, CONTACT.efc_address, 1)[:, 0], ints(data_at(w, DATA.contact), (many, each)),
-        data_ints(w, DATA.efc_id, len(force)),
-    )  # fmt: skip
-    put_int(w.data + offset(w, DATA.ncon), np.int32(count))
-    return count
-
-
-@kernel
-def _write_pyramids(w, force):
-    """Write forces of rows with elliptic cones, (nefc,), as forces of rows with pyramidal cones."""
-    elliptic, dim = integers(number(w, DATA.ncon)), contact_ints(w, CONTACT.dim, 1)[:, 0]
-    address = contact_ints(w, CONTACT.efc_address, 1)[:, 0]
-    put(elliptic, address)
-    put_int(w.model + offset(w, MODEL.opt_cone), np.int32(_PYRAMIDAL))
-    mj.make_constraint(w.model, w.data)
-    encode_pyramids(
-        force, elliptic, address, dim, contact_floats(w, CONTACT.friction, 5),
-        data_floats(w, DATA.efc_force, number(w, DATA.nefc)),
-    )  # fmt: skip
-
-
 @plain
 def write_forces(w, rows, x, start, cone, force):
     """Write the impulses of the step over h to data, as forces of the cones that the user has chosen.
@@ -137,8 +100,8 @@ def write_forces(w, rows, x, start, cone, force):
     shown = setting(w, SETTING.forces) != 0.0
     if number(w, DATA.ncon) == 0 or not (shown or size(w, MODEL.nsensordata) > 0):
         return
-    if _leave_open_out(w, force) > 0 and shown and cone == _PYRAMIDAL:
-        _write_pyramids(w, force)
+    if leave_open_out(w, force) > 0 and shown and cone == _PYRAMIDAL:
+        write_pyramids(w, force)
 
 
 @plain
@@ -147,17 +110,6 @@ def write_acceleration(w, start):
     qacc, qvel = data_floats(w, DATA.qacc, w.nv), data_floats(w, DATA.qvel, w.nv)
     for i in range(w.nv):
         qacc[i] = (qvel[i] - start[i]) / w.timestep
-
-
-@linked(BOOLEAN(WORLD))
-def find_nearest(w):
-    """Do `add_nearest`, and `add_ends` where bodies can touch along a line; return whether anything was changed."""
-    contacts, shapes, at = contacts_of(w), shapes_of(w), (w.model, w.data)
-    dist, pos, frame, geom = contacts
-    nearer = add_nearest(dist, pos, frame, geom, shapes[0], model_floats(w, MODEL.geom_margin, len(shapes[0])), at)
-    if setting(w, SETTING.beside) == 0.0:
-        return nearer
-    return add_ends(contacts, contact_floats(w, CONTACT.includemargin, 1)[:, 0], shapes, at) or nearer
 
 
 @plain
@@ -199,13 +151,14 @@ def _move_apart(now, qpos, metric, rows, depth, slow):
     entries, (groups, many) = entries_of(jacobian, layout_of_trees(now), mark), count(now, near, _FRICTIONAL)
     block = numbers(rows_size(groups, many, entries))
     seen = rows_at(address_of(block), groups, many, entries)
-    read(now, jacobian, metric, still[:0], still, still, near, _FRICTIONAL, mark, numbers(2 * nv), seen)
+    read(now, jacobian, metric, still[:0], still, still, near, _FRICTIONAL, seen)
     before = numbers(len(rows.key))
     for g in range(len(before)):
         before[g] = rows.amounts[0, g] - 0.5 * h * rows.rates[1, rows.groups[0, g]]
-    need, found = end_targets(seen.groups, seen.key, seen.amounts, slow, rows.key, before, h)
+    need, found = end_targets(seen, slow, rows.key, before, h)
     if found:
-        shift = open_overlaps(seen, need, h, metric)
+        shift = numbers(nv)
+        open_overlaps(seen, need, h, metric, shift)
         mj.integrate_pos(now.model, address_of(qpos), address_of(shift), h)
         keep(shift)
     keep(block)
@@ -219,23 +172,6 @@ def copy_contacts(w, pairs, gaps):
     address = contact_ints(w, CONTACT.efc_address, 1)
     for i in range(len(geoms)):
         pairs[2 * i], pairs[2 * i + 1], gaps[i] = geoms[i, 0], geoms[i, 1], dist[i, 0] if address[i, 0] >= 0 else np.inf
-
-
-@plain
-def _bend(w, rows, pairs, gaps, again):
-    """Return what `end_correction.bend` returns."""
-    nbody, geometry = size(w, MODEL.nbody), (model_ints(w, MODEL.geom_bodyid, size(w, MODEL.ngeom)), *shapes_of(w))
-    motion = (
-        data_floats(w, DATA.cvel, (nbody, 6)), data_floats(w, DATA.cdof_dot, (w.nv, 6)), velocity_of(w),
-        model_ints(w, MODEL.body_parentid, nbody), model_ints(w, MODEL.body_dofadr, nbody),
-        model_ints(w, MODEL.body_dofnum, nbody), data_floats(w, DATA.xipos, (nbody, 3)),
-        data_floats(w, DATA.subtree_com, (nbody, 3)), model_ints(w, MODEL.body_rootid, nbody), floats(w.sizes, nbody),
-    )  # fmt: skip
-    contacts, steps = (pairs.reshape((-1, 2)), gaps), (rows.groups, rows.amounts, rows.rates)
-    mocap = model_ints(w, MODEL.body_mocapid, nbody)
-    return bend(
-        contacts, steps, geometry, motion, mocap, surface_speed(w), (w.model, w.data), w.timestep, again
-    )  # fmt: skip
 
 
 @plain
@@ -263,26 +199,13 @@ def correct_end(w, rows, pairs, gaps):
 
     Return whether new ones of more than `COUNTED` remain. For contacts that the rows belong to see `copy_contacts`.
     """
-    depth, slow = _bend(w, rows, pairs, gaps, False)
+    depth, slow = bend(w, rows, pairs, gaps, False)
     for _ in range(ROUNDS if depth > 0.0 else 0):
         before, opened = depth, _opens(w, rows, depth, slow)
-        depth, slow = _bend(w, rows, pairs, gaps, True)
+        depth, slow = bend(w, rows, pairs, gaps, True)
         if not opened or depth == 0.0 or depth > LITTLE * before:
             break
     return depth > COUNTED
-
-
-@linked(BOOLEAN(WORLD, ROWS, types.int64[::1], NUMBERS), counts=False)
-def begins_overlapping(w, rows, known_key, start):
-    """Return what `overlaps.begins_deep` returns, for the position at the start of the step, (nq,)."""
-    nbody, ngeom = size(w, MODEL.nbody), size(w, MODEL.ngeom)
-    geometry = (
-        model_ints(w, MODEL.body_rootid, nbody), model_ints(w, MODEL.geom_bodyid, ngeom),
-        model_ints(w, MODEL.geom_type, ngeom),
-    )  # fmt: skip
-    mocap = model_ints(w, MODEL.body_mocapid, nbody)
-    qpos = floats(long_at(w.scratch + offset(w, DATA.qpos)), len(start))
-    return begins_deep(rows, known_key, w.timestep, mocap, geometry, start, qpos, (w.model, w.scratch))
 
 
 @plain

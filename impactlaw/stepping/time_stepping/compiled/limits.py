@@ -10,18 +10,17 @@ import mujoco
 
 from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.stepping.compiled.access import (
-    data_floats,
-    data_ints,
     model_at,
     model_floats,
     model_ints,
-    number,
+    row_floats,
+    row_ints,
     size,
     velocity_of,
 )
 from impactlaw.stepping.compiled.fields import DATA, MODEL, flags
-from impactlaw.stepping.time_stepping.margins import LEAST
 from impactlaw.stepping.time_stepping.problem.forces import hide_limits
+from impactlaw.stepping.time_stepping.tolerances import LEAST
 
 _SLIDE, _HINGE = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE)
 
@@ -29,11 +28,8 @@ _SLIDE, _HINGE = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HIN
 @plain
 def hide_far_limits(w):
     """Hide limits that are far away from MuJoCo's sensors, or show them again; see `forces.hide_limits`."""
-    n = number(w, DATA.nefc)
-    hide_limits(
-        data_ints(w, DATA.efc_type, n), data_ints(w, DATA.efc_id, n), data_floats(w, DATA.efc_pos, n),
-        data_floats(w, DATA.efc_margin, n),
-    )  # fmt: skip
+    rows = row_ints(w, DATA.efc_type), row_ints(w, DATA.efc_id), row_floats(w, DATA.efc_pos)
+    hide_limits(*rows, row_floats(w, DATA.efc_margin))
 
 
 @plain
@@ -56,7 +52,7 @@ def passes_limit(w, middle, reach, shift, opens):
     """Return whether velocities lead past a limit that was not found, within a time, s, from the midpoint, (nq,).
 
     If a step `opens` overlaps, joints also move by ``shift``, (nv,), during a timestep. Limits count that the velocity
-    alone leads past, too: with their rows, they would take part, as in Python.
+    alone leads past, too: with their rows, they would take part.
     """
     joints, qvel = size(w, MODEL.njnt), velocity_of(w)
     kind, dof = model_ints(w, MODEL.jnt_type, joints), model_ints(w, MODEL.jnt_dofadr, joints)

@@ -7,15 +7,13 @@ import numpy as np
 from numba import types
 
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.loops import clear, equal, norm, plain, put
+from impactlaw.solvers.cones.algebra.loops import clear, equal, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
     bodies_of,
     contact_ints,
     contacts_of,
     data_floats,
-    model_floats,
-    model_ints,
     number,
     offset,
     option,
@@ -34,29 +32,29 @@ from impactlaw.stepping.compiled.fields import (
     ints,
     put_int,
 )
-from impactlaw.stepping.time_stepping.compiled.end_of_step import find_nearest, update_frames
-from impactlaw.stepping.time_stepping.compiled.far_contacts import far_ones_close, leave_far_out
+from impactlaw.stepping.time_stepping.compiled.detection.contact_points import mend
+from impactlaw.stepping.time_stepping.compiled.detection.far_contacts import far_ones_close, leave_far_out
+from impactlaw.stepping.time_stepping.compiled.detection.nearest_points import find_nearest
+from impactlaw.stepping.time_stepping.compiled.detection.standing_cylinders import find_standing
+from impactlaw.stepping.time_stepping.compiled.end_of_step import update_frames
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import settle
 from impactlaw.stepping.time_stepping.compiled.limits import hide_far_limits, narrow_limits
+from impactlaw.stepping.time_stepping.compiled.margins import narrow, outruns, write_margins
 from impactlaw.stepping.time_stepping.compiled.model_copy import (
     keep_margins,
     scale_margins,
     widen_limits,
     widen_margins,
 )
-from impactlaw.stepping.time_stepping.compiled.standing_cylinders import find_standing
 from impactlaw.stepping.time_stepping.compiled.state.kinds import BOOLEAN, MARKS, NUMBERS, WORLD
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, are_left, forget
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import (
     begin_surfaces,
     place_surfaces,
     speeds_of_middle,
-    surface_speed,
 )
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
-from impactlaw.stepping.time_stepping.margins import ALWAYS, narrow, outruns, write_arms, write_margins, write_sizes
-from impactlaw.stepping.time_stepping.problem.detection.contact_points import mend
-from impactlaw.stepping.time_stepping.tolerances import SHARES
+from impactlaw.stepping.time_stepping.tolerances import ALWAYS, SHARES
 
 _EULER, _CONSTRAINT = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
 _EXACT = int(mujoco.mjtEnableBit.mjENBL_DIAGEXACT)
@@ -93,73 +91,20 @@ def _prepare_margins(w, gained, work):
         qvel[i] += gained[i]
     mj.com_vel(w.model, w.data)
     put(qvel, kept[: w.nv])
-    _set_margins(w, now, data_floats(w, DATA.cvel, (nbody, 6)), work[6 * nbody :])
-
-
-@plain
-def _places(w):
-    """Return what `margins.write_margins` needs of bodies and shapes."""
-    nbody, (kind, _, place, turn) = size(w, MODEL.nbody), shapes_of(w)
-    bodies = (
-        model_ints(w, MODEL.body_rootid, nbody), model_ints(w, MODEL.body_treeid, nbody),
-        model_ints(w, MODEL.body_mocapid, nbody), floats(w.sizes, nbody), data_floats(w, DATA.xipos, (nbody, 3)),
-        data_floats(w, DATA.subtree_com, (nbody, 3)),
-    )  # fmt: skip
-    of, box = model_ints(w, MODEL.geom_bodyid, len(kind)), model_floats(w, MODEL.geom_aabb, (len(kind), 6))
-    return bodies, (of, kind, place, turn, box)
-
-
-@plain
-def _set_margins(w, now, led_to, work):
-    """Write margins for velocities of bodies, see `margins.write_margins`; ``work``, (5 nbody,), is scratch space."""
-    nbody, ngeom = size(w, MODEL.nbody), size(w, MODEL.ngeom)
-    npair, ntendon = size(w, MODEL.npair), size(w, MODEL.ntendon)
-    gravity, (bodies, shapes) = floats(w.model + offset(w, MODEL.opt_gravity), 3), _places(w)
-    write_margins(
-        model_floats(w, MODEL.body_margin, nbody), model_floats(w, MODEL.geom_margin, ngeom),
-        model_floats(w, MODEL.geom_gap, ngeom), model_floats(w, MODEL.pair_margin, npair),
-        model_floats(w, MODEL.pair_gap, npair), model_floats(w, MODEL.jnt_margin, size(w, MODEL.njnt)),
-        model_floats(w, MODEL.tendon_margin, ntendon), bodies, shapes, now, led_to, surface_speed(w), w.timestep,
-        norm(gravity), floats(address_of(work), (5, nbody)),
-    )  # fmt: skip
-
-
-@plain
-def find_sizes(w, sizes, carriers):
-    """Write `world.World.sizes`.
-
-    Args:
-        w: the world.
-        sizes: written, (nbody + nmocap,).
-        carriers: address of the mocap body that carries each geom, see `Surfaces`, int32 (ngeom,).
-    """
-    nbody, ngeom = size(w, MODEL.nbody), size(w, MODEL.ngeom)
-    kind, body_of_geom = model_ints(w, MODEL.geom_type, ngeom), model_ints(w, MODEL.geom_bodyid, ngeom)
-    position = model_floats(w, MODEL.geom_pos, (ngeom, 3))
-    bound = model_floats(w, MODEL.geom_rbound, ngeom)
-    center = model_floats(w, MODEL.body_ipos, (nbody, 3))
-    write_sizes(sizes[:nbody], kind, body_of_geom, position, bound, center)
-    if w.surfaces != 0:
-        write_arms(
-            sizes[nbody:], ints(carriers, ngeom), body_of_geom, position, bound,
-            model_floats(w, MODEL.body_pos, (nbody, 3)), model_ints(w, MODEL.body_parentid, nbody),
-            model_ints(w, MODEL.body_mocapid, nbody),
-        )  # fmt: skip
+    write_margins(w, now, data_floats(w, DATA.cvel, (nbody, 6)), work[6 * nbody :])
 
 
 @plain
 def _find_contacts(w, now):
     """Do what `_find` does, with smaller margins if MuJoCo has no room for all contacts; return whether it has none."""
     warnings = ints(w.data + offset(w, DATA.warning), 2 * (max(_CONTACT_FULL, _ROWS_FULL) + 1))
-    ngeom, of_pairs = size(w, MODEL.ngeom), model_floats(w, MODEL.pair_margin, size(w, MODEL.npair))
-    shape, of_geoms = model_ints(w, MODEL.geom_type, ngeom), model_floats(w, MODEL.geom_margin, ngeom)
     for share in (*SHARES, 1.0):
         seen = warnings[2 * _CONTACT_FULL + 1] + warnings[2 * _ROWS_FULL + 1]
         _find(w, now)
         full = warnings[2 * _CONTACT_FULL + 1] + warnings[2 * _ROWS_FULL + 1] != seen
         if full:
             scale_margins(w, share)
-        if not narrow(contact_ints(w, CONTACT.geom, 2), shape, of_geoms, of_pairs, share) and not full:
+        if not narrow(w, share) and not full:
             return False
     return True
 
@@ -314,7 +259,7 @@ def detect_farther(w, start, free, middle, work):
     put(data_floats(w, DATA.qpos, len(middle)), middle)
     put(qvel, start)
     mj.com_vel(w.model, w.data)
-    _set_margins(w, data_floats(w, DATA.cvel, (nbody, 6)), led_to, work[6 * nbody :])
+    write_margins(w, data_floats(w, DATA.cvel, (nbody, 6)), led_to, work[6 * nbody :])
     widen_margins(w, before)
     full = _find_contacts(w, led_to[:0])
     mj.fwd_velocity(w.model, w.data)
@@ -329,7 +274,4 @@ def outrun(w, work):
     The velocities of bodies must be those after the collision, as `find_impulses` leaves them. ``work``, (2 nbody,), is
     scratch space.
     """
-    nbody, (bodies, shapes) = size(w, MODEL.nbody), _places(w)
-    margin, room = model_floats(w, MODEL.geom_margin, size(w, MODEL.ngeom)), floats(address_of(work), (2, nbody))
-    velocity = data_floats(w, DATA.cvel, (nbody, 6))
-    return far_ones_close(w) or outruns(margin, bodies, shapes, velocity, w.timestep, room)
+    return far_ones_close(w) or outruns(w, work)

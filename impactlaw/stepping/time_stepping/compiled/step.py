@@ -43,16 +43,16 @@ from impactlaw.stepping.compiled.fields import (
     put_int,
 )
 from impactlaw.stepping.integration import STEP_STATE
-from impactlaw.stepping.time_stepping.compiled.end_of_step import begins_overlapping
+from impactlaw.stepping.time_stepping.compiled.detection.far_contacts import take_far_back
+from impactlaw.stepping.time_stepping.compiled.detection.unseen_overlaps import begins_overlapping
 from impactlaw.stepping.time_stepping.compiled.ending import end_step, finish
-from impactlaw.stepping.time_stepping.compiled.far_contacts import take_far_back
 from impactlaw.stepping.time_stepping.compiled.impulses.working_set import find_impulses
 from impactlaw.stepping.time_stepping.compiled.limits import passes_limit
+from impactlaw.stepping.time_stepping.compiled.margins import find_sizes
 from impactlaw.stepping.time_stepping.compiled.midpoint import (
     begin,
     detect_farther,
     detect_limits,
-    find_sizes,
     free_step,
     outrun,
     to_midpoint,
@@ -70,7 +70,7 @@ from impactlaw.stepping.time_stepping.compiled.state.memory import (
     remember,
     remember_so_far,
 )
-from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, lay_out, rows_at, velocities_at
+from impactlaw.stepping.time_stepping.compiled.state.room import SUMS, answer_at, lay_out, rows_at, velocities_at
 from impactlaw.stepping.time_stepping.compiled.state.status import (
     FARTHER,
     FINE,
@@ -80,7 +80,6 @@ from impactlaw.stepping.time_stepping.compiled.state.status import (
     TIMESTEP,
     UNSEEN,
 )
-from impactlaw.stepping.time_stepping.compiled.state.sums import SUMS
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, World, setting
 from impactlaw.stepping.time_stepping.problem.energy import is_met
 from impactlaw.stepping.time_stepping.problem.gradient_turns import write_turns
@@ -109,7 +108,7 @@ def _finish(w, memory, counts, left, frames, collided, missed):
 @plain
 def _constrain(
     w, law, memory, counts, held, begun, start, middle, bias, turning, gravity, full, cone, jacobian, chosen, seen,
-    doubtful, mark, force, pairs, gaps, room, narrow, may, work, space,
+    doubtful, force, pairs, gaps, room, narrow, may, work, space,
 ):  # fmt: skip
     """Take the rest of a step with constraints, from its middle.
 
@@ -122,7 +121,7 @@ def _constrain(
     rounds = MANY_ROUNDS if counts[MEMORY.solved] != 0 else FEW_ROUNDS
     found = find_impulses(
         w, law, memory, found_so_far(counts), start, middle, bias, turning, gravity, rounds, jacobian, chosen, seen,
-        doubtful, mark, room, narrow,
+        doubtful, room, narrow,
     )  # fmt: skip
     solved, rows = found.solved, rows_at(room.rows, found.groups, found.rows, room.entries)
     if solved.status != FINE:
@@ -203,7 +202,7 @@ def _step(w, law, memory, margins, cone, loaded):
         room = lay_out(address_of(block), n, entries, nv)[0]
         status, collided, missed = _constrain(
             w, law, memory, counts, held, begun, start, middle, bias, turning, gravity, full, cone, jacobian, chosen,
-            seen, doubtful, mark, force, pairs, gaps, room, narrow, farther < WIDER_DETECTIONS, allowed, work,
+            seen, doubtful, force, pairs, gaps, room, narrow, farther < WIDER_DETECTIONS, allowed, work,
         )  # fmt: skip
         keep(block)
         if status == FARTHER:
@@ -268,7 +267,7 @@ def advance(
     w = World(
         model, data, scratch, table, settings, address_of(sizes), bilateral, nv, h, damped, surfaces, work, python
     )
-    find_sizes(w, sizes, carriers)
+    find_sizes(w, carriers)
     memory.view(np.int64)[MEMORY.found_rows] = 0
     memory[MEMORY.work] = 1.0
     status = _step(w, LawTable(keys, values, asked), memory, margins, cone, loaded)

@@ -31,13 +31,13 @@ def row_velocities(rows, z, after):
 
 
 @plain
-def add_before(sparse, rates, jacobian, moved):
+def add_before(rows, jacobian, moved):
     """Add a velocity before the collision, (nv,), to that of each row; see `inertial_forces`."""
     nnz, adr, col, J = jacobian
-    for r in range(rates.shape[1]):
-        row = sparse[2, r]
+    for r in range(rows.rates.shape[1]):
+        row = rows.sparse[2, r]
         for a in range(adr[row], adr[row] + nnz[row]):
-            rates[1, r] += J[a] * moved[col[a]]
+            rows.rates[1, r] += J[a] * moved[col[a]]
 
 
 @plain

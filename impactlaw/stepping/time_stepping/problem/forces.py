@@ -8,7 +8,7 @@ import mujoco
 
 from impactlaw.compiled import for_python
 from impactlaw.solvers.cones.algebra.loops import plain
-from impactlaw.stepping.time_stepping.margins import LEAST
+from impactlaw.stepping.time_stepping.tolerances import LEAST
 
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)
 _ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)

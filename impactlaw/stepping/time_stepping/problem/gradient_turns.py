@@ -21,27 +21,19 @@ _STICKS = 1.0 - 1e-9
 
 
 @plain
-def write_recalled(groups, key, rates, known_groups, known_key, known_turns):
-    """Copy the results of `write_turns` in the last step to `rates`, for groups that are the same.
+def write_recalled(rows, known):
+    """Copy the results of `write_turns` in the last step to `Rows.rates`, NaN before, for groups that are the same.
 
     These have as many rows. Groups with equal keys are matched in order, see `rows.find_group`.
-
-    Args:
-        groups: see `rows.Rows`, like the next two.
-        key: keys of groups.
-        rates: the last two rows are written; they are NaN before.
-        known_groups: groups of the last step.
-        known_key: keys of the last step.
-        known_turns: results of `write_turns` in the last step, (2, n).
     """
-    at = 0
-    for g in range(len(key)):
-        j = find_group(key[g], known_key, at)
-        if j >= 0 and known_groups[1, j] == groups[1, g]:
+    at, groups = 0, rows.groups
+    for g in range(len(rows.key)):
+        j = find_group(rows.key[g], known.key, at)
+        if j >= 0 and known.groups[1, j] == groups[1, g]:
             for k in range(groups[1, g]):
                 for i in range(2):
-                    rates[5 + i, groups[0, g] + k] = known_turns[i, known_groups[0, j] + k]
-        at = (j + 1) % len(known_key) if j >= 0 else at
+                    rows.rates[5 + i, groups[0, g] + k] = known.turns[i, known.groups[0, j] + k]
+        at = (j + 1) % len(known.key) if j >= 0 else at
 
 
 @plain

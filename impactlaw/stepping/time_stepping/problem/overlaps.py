@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
+from numba import types
 
-from impactlaw.scene.tolerances import APART
+from impactlaw.linked import linked
 from impactlaw.solvers.cones import BILATERAL, CONE
-from impactlaw.solvers.cones.algebra.loops import clear, kernel, numbers, plain, put
-from impactlaw.stepping.compiled import libmujoco as mj
-from impactlaw.stepping.compiled.whitening import unwhitened
-from impactlaw.stepping.time_stepping.problem.rows import find_group
+from impactlaw.solvers.cones.algebra.loops import FLOATS, clear, numbers, plain
+from impactlaw.stepping.compiled.whitening import INERTIA, unwhitened
+from impactlaw.stepping.time_stepping.problem.rows import ROWS
 
 COUNTED = 1e-5
 """Depth, m, up to which an overlap that a step leaves is not counted."""
@@ -21,42 +20,7 @@ _OPENING = 0.2  # m/s or rad/s: least speed at which overlaps of the start are o
 _OPENING_TIME = 0.1  # s: time in which most of a deep overlap is opened
 _FARTHEST = 0.1  # m or rad: largest motion that opens overlaps in one step, unless some are deeper
 _ALONG = 30.0  # sliding distance per opening distance from which a motion does not count as opening an overlap
-_SDF = int(mujoco.mjtGeom.mjGEOM_SDF)
 _NEVER = -1e30  # m/s: the needed velocity of a contact that need not open
-
-
-@plain
-def begins_deep(rows, known_key, timestep, mocap, geometry, start, qpos, at):
-    """Return whether bodies overlap at the start of a step whose contact the last step has not seen.
-
-    MuJoCo finds no contact of some boxes that are still apart. Gradients tell which overlaps are possible, and these
-    are measured. Bodies that mocap bodies carry are left out.
-
-    Args:
-        rows: see `rows.Rows`.
-        known_key: keys of the groups of the last step.
-        timestep: h, s.
-        mocap: index of the mocap body that each body is, or -1, (nbody,).
-        geometry: MuJoCo's body_rootid, geom_bodyid and geom_type.
-        start: position at the start, (nq,).
-        qpos: position of other data, (nq,), written.
-        at: addresses of the model and of these data.
-    """
-    (root, body, shape), placed = geometry, False
-    for g in range(len(rows.key)):
-        row, one, other = rows.groups[0, g], rows.key[g] >> 32, rows.key[g] & 0xFFFFFFFF
-        if rows.groups[3, g] < 0 or rows.amounts[0, g] - 0.5 * timestep * rows.rates[1, row] >= -COUNTED:
-            continue
-        known = find_group(rows.key[g], known_key, 0) >= 0 or shape[one] == _SDF or shape[other] == _SDF
-        if known or mocap[root[body[one]]] >= 0 or mocap[root[body[other]]] >= 0:
-            continue
-        if not placed:
-            put(qpos, start)
-            mj.kinematics(at[0], at[1])
-            placed = True
-        if mj.geom_distance(at[0], at[1], one, other, APART, 0) < -COUNTED:
-            return True
-    return False
 
 
 @plain
@@ -202,10 +166,17 @@ def _move_apart(rows, need, x, z, mark):
             _hold_squeezed(rows, need, largest, x, z, mark)
 
 
-@plain
-def move_apart(rows, need, timestep, inertia, root, x, z, shift):
-    """Write the result of `open_overlaps`, (nv,); x, (g,), and z, (nv,), are scratch space; root is ``D^-1/2``."""
-    _move_apart(rows, need, x, z, shift)
+@linked(types.void(ROWS, FLOATS, types.float64, INERTIA, FLOATS))
+def open_overlaps(rows, need, timestep, inertia, shift):
+    """Write a velocity, (nv,), that moves positions as needed, ``J w >= need``, without friction.
+
+    No joint moves by more than `_FARTHEST` in a step, or the largest opening if that is more: a gradient that nearly
+    vanishes would ask for any motion.
+    """
+    root, z = numbers(len(shift)), numbers(len(shift))
+    for i in range(len(root)):
+        root[i] = np.sqrt(inertia.inverse[i])
+    _move_apart(rows, need, numbers(len(need)), z, shift)
     unwhitened(z, inertia, root, shift)
     most, farthest = 0.0, _FARTHEST
     for speed in shift:
@@ -215,16 +186,3 @@ def move_apart(rows, need, timestep, inertia, root, x, z, shift):
     if most > farthest:
         for i in range(len(shift)):
             shift[i] *= farthest / most
-
-
-@kernel
-def open_overlaps(rows, need, timestep, inertia):
-    """Return a velocity, (nv,), that moves positions as needed, ``J w >= need``, without friction.
-
-    No joint moves by more than `_FARTHEST` in a step, or the largest opening if that is more: a gradient that nearly
-    vanishes would ask for any motion.
-    """
-    nv = len(inertia.inverse)
-    shift = np.empty(nv)
-    move_apart(rows, need, timestep, inertia, np.sqrt(inertia.inverse), numbers(len(need)), numbers(nv), shift)
-    return shift

@@ -37,7 +37,7 @@ _JUST = 1.0 - 1e-9
 
 
 @plain
-def aim(groups, key, amounts, rates, timestep, restitution, slowest, resolved, may, target, collides):
+def aim(rows, timestep, restitution, slowest, resolved, may, target, collides):
     """Write the targets of the scheme of Moreau and Jean, and which contacts collide; return whether any does.
 
     A contact collides if it approaches, ``gamma- < -threshold``, and is closed, or would be before the next
@@ -52,10 +52,7 @@ def aim(groups, key, amounts, rates, timestep, restitution, slowest, resolved, m
     ``resolved``, and at least ``slowest``: slower collisions are not resolved.
 
     Args:
-        groups: see `rows.Rows`, like the next three.
-        key: keys of groups.
-        amounts: gaps first.
-        rates: velocities of rows at the start of the step, and without contact; their turns.
+        rows: see `rows.Rows`.
         timestep: h, s.
         restitution: e.
         slowest: least threshold, m/s or rad/s.
@@ -64,14 +61,14 @@ def aim(groups, key, amounts, rates, timestep, restitution, slowest, resolved, m
         target: ``gamma^h``, (g,), written.
         collides: whether each group collides, bool (g,), written.
     """
-    some = False
+    some, groups, rates = False, rows.groups, rows.rates
     for g in range(len(target)):
         target[g], collides[g] = 0.0, False
         if groups[2, g] != CONE:
             continue
-        gap, gamma, led = amounts[0, g], rates[1, groups[0, g]], rates[2, groups[0, g]]
+        gap, gamma, led = rows.amounts[0, g], rates[1, groups[0, g]], rates[2, groups[0, g]]
         turn = gamma - rates[5, groups[0, g]]
-        most = resolved if is_length(groups, key, g) else min(resolved, RESOLVED)
+        most = resolved if is_length(rows, g) else min(resolved, RESOLVED)
         smooth = abs(turn - rates[6, groups[0, g]]) <= -SMOOTH * turn  # and turn < 0; not where some are NaN
         if smooth and -most < gamma < -_STILL and gap <= -_OPEN * timestep * turn:
             target[g] = max(min(-0.5 * turn, -gamma), -restitution * gamma) - max(gap, 0.0) / timestep
@@ -86,23 +83,21 @@ def aim(groups, key, amounts, rates, timestep, restitution, slowest, resolved, m
 
 
 @plain
-def write_closing(groups, amounts, rates, timestep, collided):
+def write_closing(rows, timestep, collided):
     """Reduce gaps so that contacts that have collided still close within the step at the velocity without contact.
 
     Forces that change with the collision can lead to a velocity that closes a contact slightly too late. Without the
     collision they would lead to a velocity that closes it in time, so that neither answer would be consistent.
 
     Args:
-        groups: see `rows.Rows`, like the next two; gaps in `amounts` are written.
-        amounts: gaps first.
-        rates: velocities without contact third.
+        rows: see `rows.Rows`; gaps are written.
         timestep: h, s.
         collided: which groups have collided, bool (g,).
     """
     for g in range(len(collided)):
-        led = rates[2, groups[0, g]]
+        led = rows.rates[2, rows.groups[0, g]]
         if collided[g] and led < 0.0:
-            amounts[0, g] = min(amounts[0, g], -_JUST * timestep * led)
+            rows.amounts[0, g] = min(rows.amounts[0, g], -_JUST * timestep * led)
 
 
 @plain

@@ -6,7 +6,7 @@ import pytest
 
 from impactlaw import Moreau, Stepper
 from impactlaw.compiled import for_python
-from impactlaw.stepping.time_stepping.problem.detection.contact_points import mend
+from impactlaw.stepping.time_stepping.compiled.detection.contact_points import mend
 
 TABLE = """<mujoco><option timestep="0.002" cone="elliptic"/><worldbody><geom type="plane" size="1 1 1"/>
   <body pos="0 0 .1"><freejoint/><geom type="box" size=".12 .05 .02" mass="50" contype="0" conaffinity="0"/>

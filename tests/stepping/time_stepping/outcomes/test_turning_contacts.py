@@ -10,6 +10,7 @@ from impactlaw import Moreau, Poisson
 from impactlaw.compiled import for_python
 from impactlaw.solvers.cones import CONE
 from impactlaw.stepping.time_stepping.problem.gradient_turns import write_sliding, write_turns
+from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.problem.targets import aim
 from impactlaw.stepping.time_stepping.tolerances import RESOLVED, REST_SPEED
 
@@ -126,6 +127,17 @@ def test_what_flies_from_limit_to_limit_in_a_step_collides(scene, e):
     assert e == 1.0 or speed < 0.03
 
 
+def _aim(gap, gamma, reached, turned):
+    """Return whether a contact collides, and its target velocity, for e = 0.5."""
+    groups, amounts, none = np.array([[0], [1], [CONE], [0]], np.int32), np.array([[gap], [0.0]]), np.zeros(1, np.int32)
+    rates = np.array([1.0, gamma, gamma, 0.0, 0.0, reached, turned]).reshape(7, 1)
+    rows = Rows(np.zeros((3, 1), np.int32), none, np.zeros(1), groups, np.zeros(1, np.int64), amounts, rates)
+    found, which = np.empty(1), np.empty(1, bool)
+    some = for_python(aim)(rows, 1e-3, 0.5, REST_SPEED, RESOLVED, np.ones(1, bool), found, which)
+    assert some == which[0]
+    return some, found[0]
+
+
 @pytest.mark.parametrize(
     ("gamma", "reached", "turned", "collides", "target"),
     [
@@ -141,23 +153,13 @@ def test_what_flies_from_limit_to_limit_in_a_step_collides(scene, e):
     ],
 )
 def test_what_turns_as_in_the_step_before_goes_on(gamma, reached, turned, collides, target):
-    groups, amounts = np.array([[0], [1], [CONE], [0]], np.int32), np.zeros((2, 1))
-    rates = np.array([1.0, gamma, gamma, 0.0, 0.0, reached, turned]).reshape(7, 1)
-    found, which, key, may = np.empty(1), np.empty(1, bool), np.zeros(1, np.int64), np.ones(1, bool)
-    some = for_python(aim)(groups, key, amounts, rates, 1e-3, 0.5, REST_SPEED, RESOLVED, may, found, which)
-    assert some == which[0] == collides
-    assert found[0] == pytest.approx(target, abs=1e-15)
+    assert _aim(0.0, gamma, reached, turned) == (collides, pytest.approx(target, abs=1e-15))
 
 
 @pytest.mark.parametrize(("gap", "collides", "target"), [(3e-6, False, 0.02 - 3e-3), (5e-6, True, 0.01)])
 def test_what_goes_on_is_closed(gap, collides, target):
     """Its gap is closed if it is up to a tenth of h d."""
-    groups, amounts = np.array([[0], [1], [CONE], [0]], np.int32), np.array([[gap], [0.0]])
-    rates = np.array([1.0, -0.02, -0.02, 0.0, 0.0, 0.02, -0.04]).reshape(7, 1)
-    found, which, key, may = np.empty(1), np.empty(1, bool), np.zeros(1, np.int64), np.ones(1, bool)
-    some = for_python(aim)(groups, key, amounts, rates, 1e-3, 0.5, REST_SPEED, RESOLVED, may, found, which)
-    assert some == which[0] == collides
-    assert found[0] == pytest.approx(target, abs=1e-15)
+    assert _aim(gap, -0.02, 0.02, -0.04) == (collides, pytest.approx(target, abs=1e-15))
 
 
 def test_a_block_that_slides_to_rest_does_not_turn_back():

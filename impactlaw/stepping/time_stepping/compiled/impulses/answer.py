@@ -6,10 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from impactlaw.linked import linked
 from impactlaw.solvers.cones import BILATERAL
 from impactlaw.solvers.cones.algebra.loops import counts, kernel, plain
-from impactlaw.stepping.compiled.access import data_ints, model_ints, number, size
+from impactlaw.stepping.compiled.access import model_ints, row_ints, size
 from impactlaw.stepping.compiled.fields import DATA, MODEL, flags, floats
+from impactlaw.stepping.compiled.whitening import INERTIA
 from impactlaw.stepping.time_stepping.compiled.state.hook import (
     ASK,
     ERROR,
@@ -20,13 +22,22 @@ from impactlaw.stepping.time_stepping.compiled.state.hook import (
     hooked,
     tell,
 )
-from impactlaw.stepping.time_stepping.compiled.state.kinds import typeof
+from impactlaw.stepping.time_stepping.compiled.state.kinds import (
+    ANSWER,
+    BOOLEAN,
+    INTEGER,
+    LAW,
+    NUMBERS,
+    WORLD,
+    typeof,
+)
 from impactlaw.stepping.time_stepping.compiled.state.law import add_reached, ask_law, reverse
 from impactlaw.stepping.time_stepping.compiled.state.status import CREATES, FINE, NOT_FINITE, RAISED
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.problem.drifting_equalities import hold_constraints
 from impactlaw.stepping.time_stepping.problem.gradient_turns import write_sliding
 from impactlaw.stepping.time_stepping.problem.phases import find_later
+from impactlaw.stepping.time_stepping.problem.rows import KNOWN, ROWS
 from impactlaw.stepping.time_stepping.problem.solution.contact_problem import Aims, Method, guess
 from impactlaw.stepping.time_stepping.problem.solution.resolve import resolve
 from impactlaw.stepping.time_stepping.problem.targets import aim, close_gaps
@@ -60,7 +71,7 @@ def _stiffen(w, rows, tree, collides, bound):
 
     Write which constraints must not drive the collision, bool (g,).
     """
-    number_of, known = data_ints(w, DATA.efc_id, number(w, DATA.nefc)), flags(w.bilateral, size(w, MODEL.neq))
+    number_of, known = row_ints(w, DATA.efc_id), flags(w.bilateral, size(w, MODEL.neq))
     kinds = counts(len(bound))
     for g in range(len(bound)):
         if rows.groups[2, g] == BILATERAL:
@@ -91,7 +102,7 @@ def _collide(w, rows, tree, law, before, answer):
     return status, reply
 
 
-@plain
+@linked(SOLVED(WORLD, ROWS, INERTIA, NUMBERS, KNOWN, INTEGER, LAW, ANSWER, BOOLEAN))
 def solve(w, rows, metric, before, known, rounds, law, answer, scaled):
     """Solve the problem of these rows; groups may collide according to the answer, whose other fields are written.
 
@@ -102,8 +113,8 @@ def solve(w, rows, metric, before, known, rounds, law, answer, scaled):
     status, reply = FINE, 0
     resolved = RESOLVED * setting(w, SETTING.meter)
     collided = aim(
-        rows.groups, rows.key, rows.amounts, rows.rates, w.timestep, 0.0 if np.isnan(e) else e,
-        setting(w, SETTING.rest_speed), resolved, answer.may, answer.target, answer.collides,
+        rows, w.timestep, 0.0 if np.isnan(e) else e, setting(w, SETTING.rest_speed), resolved, answer.may,
+        answer.target, answer.collides,
     )  # fmt: skip
     answer.bound[:] = False
     sliding = setting(w, SETTING.sliding) if collided else 0.0
@@ -116,14 +127,14 @@ def solve(w, rows, metric, before, known, rounds, law, answer, scaled):
     if status != FINE:
         return Solved(collided, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, status, 0.0, False)
     if hooked(w, HOOK.watches):
-        guess(rows, known[:4], answer.x)
+        guess(rows, known, answer.x)
         if tell(w, WATCH, rows, answer, before, before, 1.0, rounds) == ERROR:
             return STOPPED
     aims = Aims(answer.target, answer.sliding, answer.collides)
     project = scaled and setting(w, SETTING.dissipative) > 0.0
     method = Method(tree, setting(w, SETTING.exact) != 0.0, rounds, floats(w.work, 1))
     opens, missed, fastest, share, created, work, rounding, residual = resolve(
-        rows, aims, answer.bound, known[:4], w.timestep, project, reply & TOGETHER != 0, method, metric,
+        rows, aims, answer.bound, known, w.timestep, project, reply & TOGETHER != 0, method, metric,
         answer.x, answer.change, answer.shift, answer.reached, answer.z,
     )  # fmt: skip
     if not np.isfinite(missed):

@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import clear, once, plain
-from impactlaw.stepping.compiled.access import data_floats, number, velocity_of
-from impactlaw.stepping.compiled.fields import DATA
+from impactlaw.stepping.compiled.access import row_floats, velocity_of
+from impactlaw.stepping.compiled.fields import DATA, floats
+from impactlaw.stepping.time_stepping.compiled.detection.carriers import add_surfaces
 from impactlaw.stepping.time_stepping.compiled.impulses.answer import (
     NO_ANSWER,
     STOPPED,
@@ -19,6 +20,7 @@ from impactlaw.stepping.time_stepping.compiled.impulses.answer import (
 )
 from impactlaw.stepping.time_stepping.compiled.impulses.phases import resolve_in_phases
 from impactlaw.stepping.time_stepping.compiled.impulses.rows import count, read
+from impactlaw.stepping.time_stepping.compiled.impulses.sums import add_collision
 from impactlaw.stepping.time_stepping.compiled.state.hook import BEGIN, ERROR, HOOK, KEEP, hooked, notify, tell
 from impactlaw.stepping.time_stepping.compiled.state.kinds import (
     BOOLEAN,
@@ -30,10 +32,9 @@ from impactlaw.stepping.time_stepping.compiled.state.kinds import (
     WORLD,
     typeof,
 )
-from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, rows_at, velocities_at
+from impactlaw.stepping.time_stepping.compiled.state.room import SUMS, answer_at, rows_at, velocities_at
 from impactlaw.stepping.time_stepping.compiled.state.status import FINE
-from impactlaw.stepping.time_stepping.compiled.state.sums import add_collision
-from impactlaw.stepping.time_stepping.compiled.state.surfaces import add_surfaces, surfaces_move
+from impactlaw.stepping.time_stepping.compiled.state.surfaces import surfaces_move
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, metric_of, setting
 from impactlaw.stepping.time_stepping.problem.energy import add_before
 from impactlaw.stepping.time_stepping.problem.gradient_turns import write_recalled
@@ -77,12 +78,10 @@ def _resolve(w, rows, metric, start, free, known, rounds, law, answer, sums):
 
 
 @linked(
-    typeof(Outcome(0, 0, NO_ANSWER, False))(
-        WORLD, JACOBIAN, MARKS, NUMBERS, NUMBERS, NUMBERS, KNOWN, INTEGER, LAW, BOOLEAN, MARKS, ROOM, NUMBERS
-    ),
+    typeof(Outcome(0, 0, NO_ANSWER, False))(WORLD, JACOBIAN, MARKS, *[NUMBERS] * 3, KNOWN, INTEGER, LAW, BOOLEAN, ROOM),
     counts=False,
 )
-def attempt(w, jacobian, chosen, start, moved, free, known, rounds, law, phases, mark, room, sums):
+def attempt(w, jacobian, chosen, start, moved, free, known, rounds, law, phases, room):
     """Solve the problem of the rows that are near, set the velocity after it, and return the effect of contact.
 
     Args:
@@ -96,9 +95,7 @@ def attempt(w, jacobian, chosen, start, moved, free, known, rounds, law, phases,
         rounds: rounds of the slower solvers.
         law: see `law`.
         phases: whether contacts may collide one after another.
-        mark: marks of trees, False.
-        room: see `state.room`; rows and answer are written to it.
-        sums: sums over the collisions, see `sums`, written if they are asked for.
+        room: see `state.room`; rows, answer and, if they are asked for, sums over the collisions are written to it.
     """
     frictional = setting(w, SETTING.frictional) != 0.0
     if hooked(w, HOOK.keeps):
@@ -106,21 +103,20 @@ def attempt(w, jacobian, chosen, start, moved, free, known, rounds, law, phases,
     groups, many = count(w, chosen, frictional)
     if many == 0:
         return Outcome(groups, many, NO_ANSWER, False)
-    metric, velocity = metric_of(w), data_floats(w, DATA.efc_vel, number(w, DATA.nefc))
+    metric, velocity = metric_of(w), row_floats(w, DATA.efc_vel)
     rows, answer = rows_at(room.rows, groups, many, room.entries), answer_at(room.answer, groups, many, w.nv)
-    work = velocities_at(room, 2, 2)
-    read(w, jacobian, metric, velocity, start, free, chosen, frictional, mark, work, rows)
-    write_recalled(rows.groups, rows.key, rows.rates, known.groups, known.key, known.turns)
+    read(w, jacobian, metric, velocity, start, free, chosen, frictional, rows)
+    write_recalled(rows, known)
     if surfaces_move(w):
         add_surfaces(w, rows)
-    before = start
+    before, sums = start, floats(room.sums, SUMS)
     if len(moved) > 0:
-        before = velocities_at(room, 11, 1)
+        before = velocities_at(room, 9, 1)
         for i in range(w.nv):
             before[i] = start[i] + moved[i]
-        add_before(rows.sparse, rows.rates, jacobian, moved)
+        add_before(rows, jacobian, moved)
         if not phases:  # the answer is that of the last attempt, with the same rows
-            write_closing(rows.groups, rows.amounts, rows.rates, w.timestep, answer.collides)
+            write_closing(rows, w.timestep, answer.collides)
     if phases:
         solved, cut = resolve_in_phases(w, rows, metric, before, free, known, rounds, law, answer, sums)
     else:

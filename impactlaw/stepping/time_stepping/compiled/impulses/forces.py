@@ -13,7 +13,7 @@ from impactlaw.stepping.compiled.access import data_floats, model_ints, size, ve
 from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of
 from impactlaw.stepping.compiled.whitening import apply_inverse
 from impactlaw.stepping.time_stepping.compiled.state.kinds import BOOLEAN, MARKS, NUMBERS, WORLD
-from impactlaw.stepping.time_stepping.compiled.state.world import metric_of
+from impactlaw.stepping.time_stepping.compiled.state.world import metric_of, swap
 from impactlaw.stepping.time_stepping.inertial_forces import FAST, HALF_ROUNDS, HALF_SETTLED, ROUNDS, SETTLED, STILL
 
 _FREE, _SLIDE = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_SLIDE)
@@ -24,21 +24,12 @@ _HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 def forces_at(w, velocity, bias):
     """Write the forces at a velocity, with gravity, (nv,) each; the velocity of data stays unchanged."""
     now = velocity_of(w)
-    _swap(now, velocity)
+    swap(now, velocity)
     mj.com_vel(w.model, w.data)
     mj.rne(w.model, w.data, 0, address_of(bias))
     if size(w, MODEL.ntendon) > 0:
         mj.tendon_bias(w.model, w.data, address_of(bias))
-    _swap(now, velocity)
-
-
-@plain
-def move_bodies(w, velocity):
-    """Compute the velocities of bodies for a velocity, (nv,); that of data stays unchanged."""
-    now = velocity_of(w)
-    _swap(now, velocity)
-    mj.com_vel(w.model, w.data)
-    _swap(now, velocity)
+    swap(now, velocity)
 
 
 @kernel
@@ -48,12 +39,6 @@ def lead_to(w, start, bias, free):
     for i in range(w.nv):
         free[i] = forces[i] + old[i] - bias[i]
     kick(w, start, w.timestep, free)
-
-
-@plain
-def _swap(one, other):
-    for i in range(len(one)):
-        one[i], other[i] = other[i], one[i]
 
 
 @kernel

@@ -19,11 +19,11 @@ from impactlaw.stepping.time_stepping.compiled.impulses.answer import (
     scalable,
     solve,
 )
+from impactlaw.stepping.time_stepping.compiled.impulses.sums import add_collision
 from impactlaw.stepping.time_stepping.compiled.state.hook import ERROR, HOOK, KEEP, hooked, tell
 from impactlaw.stepping.time_stepping.compiled.state.kinds import ANSWER, BOOLEAN, INTEGER, LAW, NUMBERS, WORLD
 from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, answer_size
 from impactlaw.stepping.time_stepping.compiled.state.status import FINE
-from impactlaw.stepping.time_stepping.compiled.state.sums import add_collision
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.problem.energy import is_met
 from impactlaw.stepping.time_stepping.problem.phases import later_rates, reached_by, some_groups

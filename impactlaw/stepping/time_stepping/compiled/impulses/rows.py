@@ -1,119 +1,154 @@
-"""The rows of a step: which of MuJoCo's take part, and reading them, see `problem.rows`."""
+"""Read the rows of a step from MuJoCo's, see `problem.rows`."""
 
 from __future__ import annotations
 
+import numpy as np
 from numba import types
 
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.loops import plain
+from impactlaw.scene.tolerances import NO_FRICTION
+from impactlaw.solvers.cones import BILATERAL, BOX, CONE
+from impactlaw.solvers.cones.algebra.loops import cleared, numbers, plain, zeros
 from impactlaw.stepping.compiled.access import (
     contact_floats,
     contact_ints,
-    data_floats,
-    data_ints,
     layout_of_trees,
-    number,
-    velocity_of,
+    row_floats,
+    row_ints,
+    size,
 )
-from impactlaw.stepping.compiled.fields import CONTACT, DATA
-from impactlaw.stepping.compiled.left_out.tied_contacts import leave_tied_out
-from impactlaw.stepping.time_stepping.compiled.impulses.passed_edges import (
-    contacts_at,
-    doubt_fast,
-    geometry_of,
-    look_ahead,
-)
+from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL
+from impactlaw.stepping.compiled.whitening import INERTIA, whiten
 from impactlaw.stepping.time_stepping.compiled.state.kinds import BOOLEAN, MARKS, NUMBERS, WORLD
-from impactlaw.stepping.time_stepping.compiled.state.surfaces import surfaces_move
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
-from impactlaw.stepping.time_stepping.problem.detection.fast_bodies import some_can_pass, take_back
-from impactlaw.stepping.time_stepping.problem.detection.floor_edges import leave_edges
-from impactlaw.stepping.time_stepping.problem.rows import (
-    JACOBIAN,
-    Source,
-    count_groups,
-    find_near,
-    write_rows,
-)
+from impactlaw.stepping.time_stepping.problem.rows import JACOBIAN, ROWS
+from impactlaw.stepping.time_stepping.problem.tiny_gaps import close_tiny_gaps
+
+_ROUNDED = 1e-13
+"""Part of ``|J| |v|`` up to which the velocity of a row is rounding, and 0.
+
+Bodies that touch and fly together have only such velocities, of which a solver makes a hard problem of friction.
+"""
+_LIMIT, _CONTACT, _ELLIPTIC = (3, 4), 5, 7  # mjtConstraint; 5 is the first kind of contacts
 
 
 @plain
-def near(w, jacobian, one, other, reach, found):
-    """Write which rows begin a contact or limit that is closed or would soon be, (nefc,); see `rows.find_near`."""
-    n = number(w, DATA.nefc)
-    if surfaces_move(w):  # surfaces come near to bodies that do not move
-        found[:] = True
-    else:
-        kinds, position = data_ints(w, DATA.efc_type, n), data_floats(w, DATA.efc_pos, n)
-        address = contact_ints(w, CONTACT.efc_address, 1)[:, 0]
-        find_near(kinds, position, jacobian, address, one, other, reach, found)
-    leave_tied_out(w, jacobian, found)
+def _group(w, row, frictional):
+    """Return kind, number of rows without those of no friction, and number of MuJoCo's rows of the group at a row."""
+    kind = row_ints(w, DATA.efc_type)[row]
+    if kind == 0:
+        return BILATERAL, 1, 1
+    if kind <= 2:
+        return BOX, 1, 1
+    if kind != _ELLIPTIC:
+        return CONE, 1, 1
+    contact, rows, friction = row_ints(w, DATA.efc_id)[row], 1, contact_floats(w, CONTACT.friction, 5)
+    dim = contact_ints(w, CONTACT.dim, 1)[contact, 0]
+    if frictional:
+        for k in range(dim - 1):
+            rows += not friction[contact, k] <= NO_FRICTION  # NaN counts: the step must fail, not ignore it
+    return CONE, rows, dim
 
 
 @plain
 def count(w, chosen, frictional):
-    """Return the number of chosen groups, and the number of their rows; see `rows.count_groups`."""
-    n, dim = number(w, DATA.nefc), contact_ints(w, CONTACT.dim, 1)[:, 0]
-    kinds, number_of = data_ints(w, DATA.efc_type, n), data_ints(w, DATA.efc_id, n)
-    return count_groups(kinds, number_of, dim, contact_floats(w, CONTACT.friction, 5), chosen, frictional)
+    """Return the number of groups whose first row is chosen, and the number of their rows."""
+    groups, rows, row = 0, 0, 0
+    while row < len(chosen):
+        _, size_of, step = _group(w, row, frictional)
+        if chosen[row]:
+            groups += 1
+            rows += size_of
+        row += step
+    return groups, rows
 
 
 @plain
-def read(w, jacobian, metric, velocity, start, free, chosen, frictional, mark, room, rows):
-    """Write the rows of the chosen groups, and return the number of their entries; see `rows.write_rows`.
+def _side(jacobian, row):
+    """Return 2 for a row with a single, positive entry, else 0; this distinguishes both limits of a slide or hinge."""
+    entries, side, (nnz, adr, _, J) = 0, 0, jacobian
+    for k in range(adr[row], adr[row] + nnz[row]):
+        if J[k] != 0.0:
+            entries += 1
+            side = 2 if J[k] > 0.0 else 0
+    return side if entries == 1 else 0
+
+
+@plain
+def _write_group(w, rows, g, r, row, many, kind, jacobian):
+    """Write everything of a group that begins at one of MuJoCo's rows, except its rows."""
+    of, number_of, amount = row_ints(w, DATA.efc_type)[row], row_ints(w, DATA.efc_id)[row], 0.0
+    rows.groups[0, g], rows.groups[1, g], rows.groups[2, g], rows.groups[3, g] = r, many, kind, -1
+    side = _side(jacobian, row) if of in _LIMIT else 0
+    rows.key[g] = -1 - (np.int64(number_of) * 8 + of + side)
+    if kind == BOX:
+        amount = w.timestep * row_floats(w, DATA.efc_frictionloss)[row]
+    elif kind == BILATERAL:
+        amount = row_floats(w, DATA.efc_R)[row]
+    rows.amounts[0, g], rows.amounts[1, g] = row_floats(w, DATA.efc_pos)[row] if kind == CONE else 0.0, amount
+    if kind == CONE and of >= _CONTACT:
+        geoms = contact_ints(w, CONTACT.geom, 2)[number_of]
+        rows.groups[3, g], rows.key[g] = number_of, (np.int64(min(geoms[0], geoms[1])) << 32) + max(geoms[0], geoms[1])
+    elif kind == CONE:
+        rows.groups[3, g] = -2 - row
+
+
+@plain
+def _write_rates(w, rows, r, i, kind, scale, jacobian, velocity, before, free):
+    """Write the rates of one of MuJoCo's rows."""
+    (nnz, adr, col, J), was, led, size_of, some = jacobian, 0.0, 0.0, 0.0, len(velocity) > 0
+    for a in range(adr[i], adr[i] + nnz[i]):
+        part = J[a] * free[col[a]]
+        was += J[a] * before[col[a]]
+        led += part
+        size_of += abs(part)
+    if kind == CONE and some:  # MuJoCo's velocity includes that of belts
+        led += velocity[i] - was
+        was = velocity[i]
+    if abs(led) <= _ROUNDED * size_of:
+        led = 0.0
+    rows.rates[0, r], rows.rates[1, r], rows.rates[2, r], rows.rates[3, r], rows.rates[4, r] = scale, was, led, 0.0, 0.0
+    rows.rates[5, r] = rows.rates[6, r] = np.nan
+    if kind == BILATERAL:
+        rows.rates[3, r] = velocity[i] + w.timestep * row_floats(w, DATA.efc_aref)[i] if some else 0.0
+        rows.rates[4, r] = row_floats(w, DATA.efc_R)[i]
+
+
+@linked(types.void(WORLD, JACOBIAN, INERTIA, *[NUMBERS] * 3, MARKS, BOOLEAN, ROWS))
+def read(w, jacobian, inertia, velocity, before, free, chosen, frictional, rows):
+    """Write the rows of the groups whose first row is chosen.
 
     Args:
         w: the world with current contacts.
         jacobian: `access.jacobian_of`, without zeros.
-        metric: the mass matrix of the step.
+        inertia: the mass matrix of the step.
         velocity: velocities of MuJoCo's rows, including belts, (nefc,); (0,) to leave belts out.
-        start: velocity at the start, (nv,).
+        before: velocity at the start of the step, (nv,).
         free: velocity without contact, (nv,).
-        chosen: chosen rows of MuJoCo's, bool (nefc,).
+        chosen: rows of MuJoCo that begin a group that takes part, bool (nefc,).
         frictional: whether rows of friction take part.
-        mark: marks of trees, False.
-        room: scratch space, (2 nv,).
         rows: written.
     """
-    n = number(w, DATA.nefc)
-    source = Source(
-        data_ints(w, DATA.efc_type, n), data_ints(w, DATA.efc_id, n), data_floats(w, DATA.efc_pos, n), velocity,
-        data_floats(w, DATA.efc_aref, n), data_floats(w, DATA.efc_R, n), data_floats(w, DATA.efc_frictionloss, n),
-        jacobian, contact_ints(w, CONTACT.dim, 1)[:, 0], contact_ints(w, CONTACT.geom, 2),
-        contact_floats(w, CONTACT.friction, 5),
-    )  # fmt: skip
-    trees, touching = layout_of_trees(w), setting(w, SETTING.touching)
-    return write_rows(source, metric, trees, start, free, chosen, w.timestep, frictional, touching, mark, room, rows)
-
-
-@linked(types.void(WORLD, JACOBIAN, NUMBERS, BOOLEAN, *[MARKS] * 3), counts=False)
-def look(w, jacobian, middle, doubts, chosen, seen, doubtful):
-    """Write which rows the velocity of data closes, (nefc,); for the arguments see `choose`, which returns `doubts`."""
-    near(w, jacobian, velocity_of(w), velocity_of(w), w.timestep, seen)
-    if doubts:
-        look_ahead(w, jacobian, middle, chosen, seen, doubtful)
-
-
-@linked(BOOLEAN(WORLD, JACOBIAN, *[NUMBERS] * 3, *[MARKS] * 3), counts=False)
-def choose(w, jacobian, start, free, middle, chosen, seen, doubtful):
-    """Write which of MuJoCo's rows take part at first, (nefc,); return whether contacts are left out as doubtful.
-
-    Contacts that are far from closing are left out, and those that bodies may pass over, see `passed_edges`.
-
-    Args:
-        w: the world in the middle of the step; qvel is the velocity without contact.
-        jacobian: `access.jacobian_of`.
-        start: velocity at the start, (nv,).
-        free: velocity without contact, (nv,).
-        middle: position in the middle of the step, (nq,).
-        chosen: written.
-        seen: scratch space, bool (nefc,).
-        doubtful: contacts that bodies may pass over, False, (ncon,), written.
-    """
-    near(w, jacobian, start, free, 2.0 * w.timestep, chosen)
-    passes = some_can_pass(contacts_at(w), geometry_of(w)[0], chosen)
-    doubts = passes and doubt_fast(w, start, chosen, doubtful)
-    if doubts:
-        look(w, jacobian, middle, doubts, chosen, seen, doubtful)
-        take_back(contacts_at(w), chosen, seen, doubtful)
-    return (passes and leave_edges(contacts_at(w), geometry_of(w), chosen, doubtful)) or doubts
+    root, work, mark, trees = numbers(w.nv), zeros(w.nv), cleared(size(w, MODEL.ntree)), layout_of_trees(w)
+    (nnz, adr, col, J), friction, number_of = jacobian, contact_floats(w, CONTACT.friction, 5), row_ints(w, DATA.efc_id)
+    for i in range(w.nv):
+        root[i] = np.sqrt(inertia.inverse[i])
+    row, g, r, end = 0, 0, 0, 0
+    while row < len(chosen):
+        kind, many, step = _group(w, row, frictional)
+        if chosen[row]:
+            _write_group(w, rows, g, r, row, many, kind, jacobian)
+            for k in range(step if frictional else 1):
+                i, scale = row + k, 1.0 if k == 0 else friction[number_of[row], k - 1]
+                if k > 0 and scale <= NO_FRICTION:
+                    continue
+                _write_rates(w, rows, r, i, kind, scale, jacobian, velocity, before, free)
+                more = whiten(nnz[i], adr[i], col, J, end, work, mark, inertia, root, trees, rows.value, rows.colind)
+                rows.sparse[0, r], rows.sparse[1, r], rows.sparse[2, r] = more, end, i
+                for a in range(end, end + more):
+                    rows.value[a] *= scale
+                end += more
+                r += 1
+            g += 1
+        row += step
+    close_tiny_gaps(rows, before, free, inertia, trees[0], setting(w, SETTING.touching), root, work)

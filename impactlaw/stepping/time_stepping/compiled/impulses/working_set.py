@@ -8,6 +8,7 @@ from impactlaw.solvers.cones.algebra.loops import clear, once, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import velocity_of
 from impactlaw.stepping.compiled.fields import floats
+from impactlaw.stepping.time_stepping.compiled.detection.chosen_rows import choose, look
 from impactlaw.stepping.time_stepping.compiled.impulses.answer import NO_ANSWER
 from impactlaw.stepping.time_stepping.compiled.impulses.contact_problem import (
     Outcome,
@@ -15,12 +16,10 @@ from impactlaw.stepping.time_stepping.compiled.impulses.contact_problem import (
     sees_more,
 )
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import created, forces_at, half, split, stale
-from impactlaw.stepping.time_stepping.compiled.impulses.rows import choose, look
 from impactlaw.stepping.time_stepping.compiled.limits import passes_limit
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, remember_so_far
 from impactlaw.stepping.time_stepping.compiled.state.room import answer_at, keep_known, known_at, rows_at, velocities_at
 from impactlaw.stepping.time_stepping.compiled.state.status import FINE, UNSEEN
-from impactlaw.stepping.time_stepping.compiled.state.sums import SUMS
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.inertial_forces import ROUNDS, SMALL_PART
 from impactlaw.stepping.time_stepping.problem.energy import is_met
@@ -32,13 +31,12 @@ _FEW, _AT_ONCE = np.int64(FEW_ROUNDS), np.bool_(False)
 
 
 @plain
-def _again(w, law, start, moved, free, jacobian, chosen, mark, room, found, phases):
+def _again(w, law, start, moved, free, jacobian, chosen, room, found, phases):
     """Solve the problem again, starting from a result."""
     rows = rows_at(room.rows, found.groups, found.rows, room.entries)
     known, last = known_at(room.known, found.groups, found.rows), answer_at(room.answer, found.groups, found.rows, w.nv)
     keep_known(known, rows, last.x)
-    sums = floats(room.sums, SUMS)
-    return attempt(w, jacobian, chosen, start, moved, free, known, _FEW, law, phases, mark, room, sums)
+    return attempt(w, jacobian, chosen, start, moved, free, known, _FEW, law, phases, room)
 
 
 @plain
@@ -53,7 +51,7 @@ def _keep(w, memory, room, found):
 
 @once
 def find_impulses(
-    w, law, memory, known, start, middle, bias, turning, gravity, rounds, jacobian, chosen, seen, doubtful, mark, room,
+    w, law, memory, known, start, middle, bias, turning, gravity, rounds, jacobian, chosen, seen, doubtful, room,
     narrow,
 ):  # fmt: skip
     """Add the effect of contact to the velocity, and return it; see `scheme.TimeStepping`.
@@ -79,7 +77,6 @@ def find_impulses(
         chosen: room for marks of MuJoCo's rows, (nefc,).
         seen: room for marks of MuJoCo's rows, (nefc,).
         doubtful: room for marks of contacts, False, (ncon,).
-        mark: marks of trees, False.
         room: see `state.room`.
         narrow: whether limits of joints were left out; the status is `UNSEEN` if one of them would be passed.
     """
@@ -87,9 +84,7 @@ def find_impulses(
     still, unseen, begun = free[:0], False, floats(w.work, 1)[0]
     put(free, velocity_of(w))
     doubts = choose(w, jacobian, start, free, middle, chosen, seen, doubtful)
-    found = attempt(
-        w, jacobian, chosen, start, still, free, known, rounds, law, phases, mark, room, floats(room.sums, SUMS)
-    )  # fmt: skip
+    found = attempt(w, jacobian, chosen, start, still, free, known, rounds, law, phases, room)
     while (doubts or found.rows > 0) and found.solved.status == FINE:
         shift = answer_at(room.answer, found.groups, found.rows, w.nv).shift
         if narrow and passes_limit(w, middle, h, shift, found.solved.opens):
@@ -110,14 +105,14 @@ def find_impulses(
         if sets == 1:
             _keep(w, memory, room, found)
         sets += 1
-        found = _again(w, law, start, still, free, jacobian, chosen, mark, room, found, phases)
+        found = _again(w, law, start, still, free, jacobian, chosen, room, found, phases)
     if found.solved.status == FINE:  # else there is no answer yet
-        found = _less_energy(w, law, start, bias, turning, gravity, free, jacobian, chosen, mark, room, found, phases)
+        found = _less_energy(w, law, start, bias, turning, gravity, free, jacobian, chosen, room, found, phases)
     return Outcome(found.groups, found.rows, found.solved, found.later or unseen)
 
 
 @once
-def _less_energy(w, law, start, bias, turning, gravity, free, jacobian, chosen, mark, room, found, phases):
+def _less_energy(w, law, start, bias, turning, gravity, free, jacobian, chosen, room, found, phases):
     """Put a collision between two half steps if it creates energy together with inertial forces.
 
     After a collision, the velocities of bodies are then those of the velocity after it.
@@ -131,9 +126,9 @@ def _less_energy(w, law, start, bias, turning, gravity, free, jacobian, chosen, 
     gains = _size(w, found.solved.work + own, found)
     if not gains > found.solved.rounding or _size(w, own, found) < SMALL_PART * gains:
         return found
-    h, after, mean, last = w.timestep, velocity_of(w), velocities_at(room, 1, 1), velocities_at(room, 4, 1)
-    begin, end = velocities_at(room, 5, 1), velocities_at(room, 6, 1)
-    used, moved, best = velocities_at(room, 7, 1), velocities_at(room, 8, 1), velocities_at(room, 9, 2)
+    h, after, mean, last = w.timestep, velocity_of(w), velocities_at(room, 1, 1), velocities_at(room, 2, 1)
+    begin, end = velocities_at(room, 3, 1), velocities_at(room, 4, 1)
+    used, moved, best = velocities_at(room, 5, 1), velocities_at(room, 6, 1), velocities_at(room, 7, 2)
     clear(mean)
     forces_at(w, mean, gravity)
     settled = half(w, start, gravity, -h, turning, mean, last, begin)
@@ -144,7 +139,7 @@ def _less_energy(w, law, start, bias, turning, gravity, free, jacobian, chosen, 
     for _ in range(rounds):
         put(used, end)
         split(w, start, gravity, begin, used, mean, moved, free)
-        found = _again(w, law, start, moved, free, jacobian, chosen, mark, room, found, phases)
+        found = _again(w, law, start, moved, free, jacobian, chosen, room, found, phases)
         if found.solved.status != FINE:
             return found
         half(w, after, gravity, h, turning, mean, last, end)
@@ -157,7 +152,7 @@ def _less_energy(w, law, start, bias, turning, gravity, free, jacobian, chosen, 
             break
         was = gains
     if not gains <= least:
-        found = _again(w, law, start, best[w.nv :], best[: w.nv], jacobian, chosen, mark, room, found, phases)
+        found = _again(w, law, start, best[w.nv :], best[: w.nv], jacobian, chosen, room, found, phases)
     mj.com_vel(w.model, w.data)
     return found
 

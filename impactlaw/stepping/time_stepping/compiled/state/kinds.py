@@ -14,7 +14,7 @@ from impactlaw.stepping.time_stepping.compiled.state.world import World
 
 typeof: Any = cast(Any, numba).typeof
 INTEGER, BOOLEAN = types.int64, types.boolean
-NUMBERS, MARKS, TABLE = types.float64[::1], types.boolean[::1], types.float64[:, ::1]
+NUMBERS, MARKS = types.float64[::1], types.boolean[::1]
 _FEW = np.zeros(0)
 _MARKS, _KEYS = np.zeros(0, np.bool_), np.zeros(0, np.int64)
 WORLD = typeof(World(0, 0, 0, 0, 0, 0, 0, 0, 0.0, False, 0, 0, 0))

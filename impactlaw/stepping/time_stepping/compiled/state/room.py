@@ -11,10 +11,11 @@ import numpy as np
 
 from impactlaw.solvers.cones.algebra.loops import kernel, plain, put
 from impactlaw.stepping.compiled.fields import bools, floats, ints, longs
-from impactlaw.stepping.time_stepping.compiled.state.sums import SUMS
 from impactlaw.stepping.time_stepping.problem.rows import Known, Rows
 
 Array = np.ndarray[Any, Any]
+SUMS = 6
+"""Number of sums over the collisions of a step, see `impulses.sums`."""
 
 
 class Room(NamedTuple):
@@ -45,7 +46,7 @@ class Answer(NamedTuple):
     bound: Array  # which groups are equality constraints that must not drive the collision, bool (g,)
 
 
-VELOCITIES = 12
+VELOCITIES = 10
 """Number of velocities, (nv,) each, that there is room for."""
 
 

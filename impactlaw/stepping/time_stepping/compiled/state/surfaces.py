@@ -17,18 +17,9 @@ from impactlaw.scene.tolerances import BLOW, PUT
 from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain, put
 from impactlaw.solvers.cones.algebra.vectors import length
 from impactlaw.stepping.compiled import libmujoco as mj
-from impactlaw.stepping.compiled.access import (
-    bodies_of,
-    contact_ints,
-    contacts_of,
-    data_floats,
-    model_ints,
-    offset,
-    size,
-)
-from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, float_at, floats
+from impactlaw.stepping.compiled.access import data_floats, offset, size
+from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, float_at, floats
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
-from impactlaw.stepping.time_stepping.problem.detection.carriers import add_carried
 
 _MEETS = 2.0
 """The value of the setting if mocap bodies can meet other bodies; otherwise it is 1."""
@@ -240,13 +231,3 @@ def surface_speed(w):
 def surfaces_move(w):
     """Return whether any mocap body that can meet others moves in this step."""
     return w.surfaces != 0 and float_at(w.surfaces + 8 * HEAD.moves) != 0.0
-
-
-@kernel
-def add_surfaces(w, rows):
-    """Add the velocities of mocap bodies to those of contact rows; see `carriers.add_carried`."""
-    (_, pos, frame, geom), (body, _, _), nbody = contacts_of(w), bodies_of(w), size(w, MODEL.nbody)
-    bodies = body, model_ints(w, MODEL.body_rootid, nbody), model_ints(w, MODEL.body_mocapid, nbody)
-    contacts = pos, frame, geom, contact_ints(w, CONTACT.efc_address, 1)[:, 0]
-    place = data_floats(w, DATA.mocap_pos, (size(w, MODEL.nmocap), 3))
-    add_carried(rows, contacts, bodies, place, velocities_of(w, ROW.now))

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from impactlaw.solvers.cones.algebra.loops import kernel, plain
-from impactlaw.stepping.compiled.access import data_floats, inertia_of, layout_of
+from impactlaw.stepping.compiled import libmujoco as mj
+from impactlaw.stepping.compiled.access import data_floats, inertia_of, layout_of, velocity_of
 from impactlaw.stepping.compiled.fields import DATA, float_at
 from impactlaw.stepping.compiled.whitening import Inertia
 
@@ -46,7 +47,7 @@ class World(NamedTuple):
     scratch: int  # address of other data, for looks at contacts that must not change data
     table: int  # address of offsets of fields, see `fields`
     settings: int  # address of `Settings`
-    sizes: int  # address of `margins.write_sizes`, m, (nbody,), followed by the reach of mocap bodies, m, (nmocap,)
+    sizes: int  # address of what `margins.find_sizes` writes: sizes of bodies, m, then reaches of mocap bodies, m
     bilateral: int  # address of kinds of equality constraints, 0 if a collision may violate them, uint8 (neq,)
     nv: int  # degrees of freedom
     timestep: float  # h, s
@@ -60,6 +61,22 @@ class World(NamedTuple):
 def setting(w, place):
     """Return one of `Settings`."""
     return float_at(w.settings + 8 * place)
+
+
+@plain
+def swap(one, other):
+    """Exchange the numbers of two arrays."""
+    for i in range(len(one)):
+        one[i], other[i] = other[i], one[i]
+
+
+@plain
+def move_bodies(w, velocity):
+    """Compute the velocities of bodies for a velocity, (nv,); that of data stays unchanged."""
+    now = velocity_of(w)
+    swap(now, velocity)
+    mj.com_vel(w.model, w.data)
+    swap(now, velocity)
 
 
 @kernel

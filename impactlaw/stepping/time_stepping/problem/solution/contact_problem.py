@@ -91,19 +91,17 @@ def improve(rows, method, b, tolerance, x, z):
 def guess(rows, known, x):
     """Write the impulses of the last step for groups that are the same and have as many rows, else zeros, (n,).
 
-    Of the last step, groups, keys, coefficients of friction and impulses are known, see `rows.Known`.
-    Groups with equal keys are matched in order, see `rows.find_group`.
+    For these see `rows.Known`. Groups with equal keys are matched in order, see `rows.find_group`.
     """
     groups, scale, at = rows.groups, rows.rates[0], 0
-    known_groups, known_key, known_scale, impulse = known
     clear(x)
     for g in range(len(rows.key)):
-        j = find_group(rows.key[g], known_key, at)
-        if j >= 0 and known_groups[1, j] == groups[1, g]:
+        j = find_group(rows.key[g], known.key, at)
+        if j >= 0 and known.groups[1, j] == groups[1, g]:
             for k in range(groups[1, g]):
-                old = known_groups[0, j] + k
-                x[groups[0, g] + k] = impulse[old] * known_scale[old] / scale[groups[0, g] + k]
-        at = (j + 1) % len(known_key) if j >= 0 else at
+                old = known.groups[0, j] + k
+                x[groups[0, g] + k] = known.impulse[old] * known.scale[old] / scale[groups[0, g] + k]
+        at = (j + 1) % len(known.key) if j >= 0 else at
 
 
 @plain

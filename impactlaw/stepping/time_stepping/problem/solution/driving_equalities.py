@@ -9,7 +9,7 @@ no impulse, and when it is reached it does no work: contact moves it freely unti
 from __future__ import annotations
 
 from impactlaw.solvers.cones import BILATERAL
-from impactlaw.solvers.cones.algebra.loops import any_of, indices, kernel, plain, put, zeros
+from impactlaw.solvers.cones.algebra.loops import any_of, counts, indices, kernel, numbers, plain, put, zeros
 from impactlaw.stepping.time_stepping.problem.drifting_equalities import square_of
 from impactlaw.stepping.time_stepping.problem.energy import add_work, find_islands
 from impactlaw.stepping.time_stepping.problem.solution.by_islands import solve_contacts
@@ -109,16 +109,15 @@ def _stop(rows, aims, bound, method, turned, found):
             break
 
 
-@plain
-def solve_undriven(rows, aims, bound, dissipative, together, method, found, turned, room):
+@kernel
+def solve_undriven(rows, aims, bound, dissipative, together, method, found):
     """Solve the problem as `solve_contacts` does, with equalities that would drive the collision as stops.
 
     Only the equalities in ``bound``, (g,), can become stops. Which do depends on the restitution: if the solution
-    reduces it, equalities that would then drive the collision become stops, too. ``turned``, (g,), is zero, and
-    ``room``, (3 n,), is scratch.
+    reduces it, equalities that would then drive the collision become stops, too.
     """
-    n, rates, some = len(found.x), rows.rates, any_of(bound)
-    held, soft, aimed = room[:n], room[n : 2 * n], room[2 * n : 3 * n]
+    n, rates, some, turned = len(found.x), rows.rates, any_of(bound), counts(len(bound))
+    held, soft, aimed = numbers(n), numbers(n), numbers(n)
     if some:
         put(held, rates[3])
         put(soft, rates[4])

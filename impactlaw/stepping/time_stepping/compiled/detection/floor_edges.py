@@ -9,33 +9,35 @@ measured, see `passed_edges`.
 from __future__ import annotations
 
 from impactlaw.scene.tolerances import TOUCHING
-from impactlaw.solvers.cones.algebra.loops import integers, kernel
+from impactlaw.solvers.cones.algebra.loops import kernel, unset
 from impactlaw.solvers.cones.algebra.vectors import dot
+from impactlaw.stepping.compiled.access import bodies_of, contact_ints, contacts_of
+from impactlaw.stepping.compiled.fields import CONTACT
 from impactlaw.stepping.compiled.left_out.hidden_edges import moving_side
-from impactlaw.stepping.time_stepping.problem.detection.fast_bodies import can_pass
+from impactlaw.stepping.time_stepping.compiled.detection.fast_bodies import can_pass
 
 _SAME = 1.0 - 1e-6
 """Cosine of the angle between two normals from which they are one direction."""
 
 
 @kernel
-def leave_edges(contacts, geometry, chosen, doubtful):
+def leave_edges(w, chosen, doubtful):
     """Leave contacts with edges of fixed bodies out that bodies may pass over; return whether there are any.
 
     These are open contacts of a body with a fixed one, if it has a nearer one in another direction. Of two that are
     equally near, as of a ball that falls into the middle of a groove, both take part. For the arguments see
     `fast_bodies.leave_fast`.
     """
-    (dist, _, frame, geom, address), (shape, body_of_geom, weld, tree, _, _), some = contacts, geometry, False
+    (dist, _, frame, geom), (body_of_geom, weld, tree), some = contacts_of(w), bodies_of(w), False
+    address = contact_ints(w, CONTACT.efc_address, 1)[:, 0]
     for k in range(len(dist)):
         own = moving_side(geom[k], body_of_geom, tree)
         if own >= 0 and address[k] >= 0 and chosen[address[k]]:
-            doubtful[k] = dist[k] > TOUCHING and can_pass(geom[k], shape)
+            doubtful[k] = dist[k] > TOUCHING and can_pass(w, geom[k])
             some = some or doubtful[k]
     if not some:
         return False
-    nearest, some = integers(len(weld)), False
-    nearest[:] = -1
+    nearest, some = unset(len(weld)), False
     for k in range(len(dist)):
         own = moving_side(geom[k], body_of_geom, tree)
         if own >= 0 and address[k] >= 0 and chosen[address[k]]:

@@ -12,12 +12,16 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from impactlaw.linked import linked
 from impactlaw.scene.corrected.side_by_side import END, find_ends, some_can_lie
 from impactlaw.scene.tolerances import APART, PARALLEL
 from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain
 from impactlaw.solvers.cones.algebra.vectors import across, cross, dot, minus, plus, row, unit, write
 from impactlaw.stepping.compiled import libmujoco as mj
-from impactlaw.stepping.compiled.fields import address_of, floats, ints, keep
+from impactlaw.stepping.compiled.access import contact_floats, contacts_of, model_floats, shapes_of
+from impactlaw.stepping.compiled.fields import CONTACT, MODEL, address_of, floats, ints, keep
+from impactlaw.stepping.time_stepping.compiled.state.kinds import BOOLEAN, WORLD
+from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 
 _CAPSULE, _CYLINDER, _BOX, _MESH = (
     int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("CAPSULE", "CYLINDER", "BOX", "MESH")
@@ -97,18 +101,13 @@ def _replace(first, end, gap, segment, dist, pos, frame):
 
 
 @kernel
-def add_nearest(dist, pos, frame, geom, shape, margin, at):
+def _add_nearest(w):
     """Replace contacts of two geoms whose nearest point or its normal is missing; return whether any is missing.
 
-    Args:
-        dist: gaps, m, (ncon,); written, like the next two.
-        pos: contact points, m, (ncon, 3).
-        frame: frames with normals first, (ncon, 9).
-        geom: geoms of contacts, (ncon, 2).
-        shape: MuJoCo's geom_type, (ngeom,).
-        margin: geom_margin, (ngeom,); half of the sum of two is out of reach, see `margins.write_margins`.
-        at: addresses of the model and of its data.
+    Points are looked for within half of the margins of geoms, see `margins.write_margins`.
     """
+    (dist, pos, frame, geom), shape = contacts_of(w), shapes_of(w)[0]
+    margin = model_floats(w, MODEL.geom_margin, len(shape))
     end, some, segment = 0, False, numbers(6)
     while end < len(dist):
         first, one, other = end, geom[end, 0], geom[end, 1]
@@ -119,7 +118,7 @@ def add_nearest(dist, pos, frame, geom, shape, margin, at):
             continue
         reach = 0.5 * (margin[one] + margin[other])
         bound, found = min(least - _MISSED, reach), min(least + abs(least) + _MISSED, reach)
-        gap = mj.geom_distance(at[0], at[1], one, other, max(found, APART), address_of(segment))
+        gap = mj.geom_distance(w.model, w.data, one, other, max(found, APART), address_of(segment))
         if gap < bound or (gap < found and abs(gap) > _MISSED and _is_aside(first, end, gap, segment, frame)):
             some = True
             _replace(first, end, gap, segment, dist, pos, frame)
@@ -153,25 +152,29 @@ def _insert(dist, pos, frame, stride, first, many):
 
 
 @kernel
-def add_ends(contacts, reach, shapes, at):
+def _add_ends(w):
     """Give geoms that touch along a line a contact at each end of it; return whether anything was changed.
 
-    Rows of constraints must be made again if so. Where MuJoCo has no room, which it counts, lines keep one contact.
-
-    Args:
-        contacts: gaps, points, frames and geoms of contacts, see `add_nearest`; written, and longer afterwards.
-        reach: MuJoCo's includemargin, m, (ncon,).
-        shapes: MuJoCo's geom_type, geom_size, geom_xpos and geom_xmat.
-        at: addresses of the model and of its data.
+    The list of contacts is longer afterwards. Where MuJoCo has no room, which it counts, lines keep one contact.
     """
-    dist, pos, frame, geom = contacts
+    (dist, pos, frame, geom), shapes = contacts_of(w), shapes_of(w)
     if not some_can_lie(shapes[0], geom):
         return False
-    room, added = numbers(END * (len(reach) + 1)), 0
-    first = room.reshape((len(reach) + 1, END))
+    reach, added = contact_floats(w, CONTACT.includemargin, 1)[:, 0], 0
+    first = numbers(END * (len(reach) + 1)).reshape((len(reach) + 1, END))
     some = find_ends(shapes, geom, reach, dist, pos, frame, first)
     many = int(first[len(reach), 0])
-    while added < many and mj.add_contact(at[0], at[1], address_of(dist)) == 0:
+    while added < many and mj.add_contact(w.model, w.data, address_of(dist)) == 0:
         added += 1
     _insert(dist, pos, frame, dist.strides[0], first, added)
     return some
+
+
+@linked(BOOLEAN(WORLD))
+def find_nearest(w):
+    """Add nearest points, and both ends where bodies can touch along a line; return whether anything was changed.
+
+    Rows of constraints must be made again if so.
+    """
+    nearer = _add_nearest(w)
+    return (setting(w, SETTING.beside) != 0.0 and _add_ends(w)) or nearer

@@ -5,15 +5,21 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.solvers.cones.algebra.loops import plain
+from impactlaw.solvers.cones.algebra.loops import clear, kernel, norm, plain
 from impactlaw.solvers.cones.algebra.vectors import axis_of, cross, dot, length, minus, plus, row
+from impactlaw.stepping.compiled.access import (
+    contact_ints,
+    data_floats,
+    model_floats,
+    model_ints,
+    offset,
+    shapes_of,
+    size,
+)
+from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, floats, ints
+from impactlaw.stepping.time_stepping.compiled.state.surfaces import surface_speed
+from impactlaw.stepping.time_stepping.tolerances import ALWAYS, LEAST, SLACK
 
-LEAST = 1e-5
-"""Least reach, m or rad, with which closed contacts of bodies at rest are found."""
-SLACK = 2.0
-"""Ratio of the reach to the travel of a body in a step: more finds contacts in vain, less needs more detections."""
-ALWAYS = 1e6
-"""Margin, m or rad, with which all limits are found."""
 _MOST = mujoco.mjMAXCONPAIR
 """Largest number of contacts that MuJoCo finds between two geoms."""
 _FEW = 48
@@ -24,39 +30,50 @@ _PLANE, _FIELD = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFI
 
 
 @plain
-def write_sizes(size, kind, body_of_geom, position, bound, center):
-    """Write the largest distance of a point of each body's geoms from its center of mass, m, (nbody,).
+def find_sizes(w, carriers):
+    """Write `world.World.sizes`.
 
-    Planes and height fields are left out.
+    The size of a body is the largest distance of a point of its geoms from its center of mass, m; planes and height
+    fields are left out. The reach of a mocap body is how far geoms that it carries reach from it, m.
 
     Args:
-        size: written.
-        kind: MuJoCo's geom_type, (ngeom,).
-        body_of_geom: body of each geom, (ngeom,).
-        position: positions of geoms in the frames of bodies, (ngeom, 3).
-        bound: MuJoCo's geom_rbound, (ngeom,).
-        center: centers of mass in the frames of bodies, (nbody, 3).
+        w: the world.
+        carriers: address of the mocap body that carries each geom, see `moving_surfaces.Surfaces`, int32 (ngeom,).
     """
-    for i in range(len(size)):
-        size[i] = 0.0
-    for i in range(len(body_of_geom)):
-        if kind[i] == _PLANE or kind[i] == _FIELD:
-            continue
+    nbody, ngeom = size(w, MODEL.nbody), size(w, MODEL.ngeom)
+    kind, body_of_geom = model_ints(w, MODEL.geom_type, ngeom), model_ints(w, MODEL.geom_bodyid, ngeom)
+    position, bound = model_floats(w, MODEL.geom_pos, (ngeom, 3)), model_floats(w, MODEL.geom_rbound, ngeom)
+    center, place = model_floats(w, MODEL.body_ipos, (nbody, 3)), model_floats(w, MODEL.body_pos, (nbody, 3))
+    parent, mocap = model_ints(w, MODEL.body_parentid, nbody), model_ints(w, MODEL.body_mocapid, nbody)
+    sizes, carrier = floats(w.sizes, nbody + size(w, MODEL.nmocap)), ints(carriers, ngeom)
+    clear(sizes)
+    for i in range(ngeom):
         body = body_of_geom[i]
-        size[body] = max(size[body], bound[i] + length(minus(row(position, i), row(center, body))))
-
-
-@plain
-def write_arms(arm, carrier, body_of_geom, position, bound, body_position, parent, mocap):
-    """Write how far geoms reach from mocap bodies that carry them, m, (nmocap,); see `moving_surfaces.Surfaces`."""
-    for i in range(len(arm)):
-        arm[i] = 0.0
-    for i in range(len(carrier)):
-        if carrier[i] >= 0:
-            reach, body = bound[i] + length(row(position, i)), body_of_geom[i]
+        if kind[i] != _PLANE and kind[i] != _FIELD:
+            sizes[body] = max(sizes[body], bound[i] + length(minus(row(position, i), row(center, body))))
+        if w.surfaces != 0 and carrier[i] >= 0:
+            reach = bound[i] + length(row(position, i))
             while mocap[body] < 0:
-                reach, body = reach + length(row(body_position, body)), parent[body]
-            arm[carrier[i]] = max(arm[carrier[i]], reach)
+                reach, body = reach + length(row(place, body)), parent[body]
+            sizes[nbody + carrier[i]] = max(sizes[nbody + carrier[i]], reach)
+
+
+@kernel
+def _places(w):
+    """Return what is known of bodies and of shapes.
+
+    Of bodies these are the body on the world that carries each of them, its tree, or -1 if it has no degrees of
+    freedom, the mocap body that it is, or -1, its size, and centers of mass of bodies and of their subtrees; of shapes
+    their body, MuJoCo's geom_type, geom_xpos, geom_xmat and geom_aabb.
+    """
+    nbody, (kind, _, place, turn) = size(w, MODEL.nbody), shapes_of(w)
+    bodies = (
+        model_ints(w, MODEL.body_rootid, nbody), model_ints(w, MODEL.body_treeid, nbody),
+        model_ints(w, MODEL.body_mocapid, nbody), floats(w.sizes, nbody), data_floats(w, DATA.xipos, (nbody, 3)),
+        data_floats(w, DATA.subtree_com, (nbody, 3)),
+    )  # fmt: skip
+    of, box = model_ints(w, MODEL.geom_bodyid, len(kind)), model_floats(w, MODEL.geom_aabb, (len(kind), 6))
+    return bodies, (of, kind, place, turn, box)
 
 
 @plain
@@ -109,14 +126,15 @@ def _tree_at(i, reach, bodies):
 
 
 @plain
-def outruns(geom_margin, bodies, shapes, velocity, timestep, work):
+def outruns(w, work):
     """Return whether a body can reach another one in a timestep from farther than contacts were looked for.
 
-    The margins are those with which contacts were looked for. ``velocity`` is MuJoCo's cvel for the velocity after
-    contact. ``work``, (2, nbody), is scratch space. For the other arguments see `write_margins`.
+    The velocities of bodies in data must be those after contact. ``work``, (2 nbody,), is scratch space.
     """
-    (_, tree, _, size, center, _), of = bodies, shapes[0]
-    least, reach = work[0], work[1]
+    bodies, shapes = _places(w)
+    (_, tree, _, size_of, center, _), of, timestep = bodies, shapes[0], w.timestep
+    least, reach = work[: len(tree)], work[len(tree) : 2 * len(tree)]
+    velocity, geom_margin = data_floats(w, DATA.cvel, (len(tree), 6)), model_floats(w, MODEL.geom_margin, len(of))
     for i in range(len(tree)):
         least[i] = np.inf
         reach[i] = timestep * _speed(i, 0, i, bodies, velocity) if tree[i] >= 0 else 0.0
@@ -125,9 +143,9 @@ def outruns(geom_margin, bodies, shapes, velocity, timestep, work):
     for i in range(len(tree)):
         for j in range(i + 1, len(tree) if tree[i] >= 0 else 0):
             far = tree[j] >= 0 and reach[i] + reach[j] > least[i] + least[j]
-            if far and _are_near(i, j, reach[i] + reach[j], size, center):
-                way = timestep * _speed(i, j, i if size[i] < size[j] else j, bodies, velocity)
-                if way > least[i] + least[j] and _are_near(i, j, way, size, center):
+            if far and _are_near(i, j, reach[i] + reach[j], size_of, center):
+                way = timestep * _speed(i, j, i if size_of[i] < size_of[j] else j, bodies, velocity)
+                if way > least[i] + least[j] and _are_near(i, j, way, size_of, center):
                     return True
     begin = 0
     while begin < len(tree):
@@ -139,17 +157,14 @@ def outruns(geom_margin, bodies, shapes, velocity, timestep, work):
             if tree[of[g]] < 0 and _is_near(begin, radius, g, shapes, center):
                 for i in range(begin, end):
                     far = reach[i] > least[i] + geom_margin[g]
-                    if far and _is_near(i, size[i] + reach[i], g, shapes, center):
+                    if far and _is_near(i, size_of[i] + reach[i], g, shapes, center):
                         return True
         begin = end
     return False
 
 
 @plain
-def write_margins(
-    body_margin, geom_margin, geom_gap, pair_margin, pair_gap, joint_margin, tendon_margin, bodies, shapes, velocity,
-    led_to, surface_speed, timestep, gravity, work,
-):  # fmt: skip
+def write_margins(w, velocity, led_to, room):
     """Write margins of bodies, geoms, pairs, joints and tendons, m or rad, for one step.
 
     MuJoCo adds up the margins of two geoms. For bodies that are near each other, the sum is `SLACK` times the distance
@@ -157,31 +172,24 @@ def write_margins(
     margin is chosen such that few geoms meet: the fingers of a hand that swings move together, and would find each
     other from as far as they move if the margin for the floor were theirs. Slow bodies, and those of
     mechanisms of a few geoms, have the margin for all of their motion: finding some contacts in vain costs less than
-    that choice. Limits of joints and tendons are always found; those that are far are left out by `rows.find_near`.
+    that choice. Limits of joints and tendons are always found; those that are far are left out by `choose`. Gaps of
+    geoms and pairs, beyond which MuJoCo looks for contacts, are added to margins, and set to 0.
 
     Args:
-        body_margin: margins of bodies, (nbody,), written.
-        geom_margin: margins of geoms, (ngeom,), written.
-        geom_gap: distance beyond the margins at which MuJoCo looks for contacts, m, (ngeom,); it is added to the
-            margins, and set to 0.
-        pair_margin: margins of pairs, (npair,), written.
-        pair_gap: the same distance for pairs, m, (npair,).
-        joint_margin: margins of limits of joints, (njnt,), written.
-        tendon_margin: margins of limits of tendons, (ntendon,), written.
-        bodies: root, the body on the world that carries each body; tree of each body, or -1 if it has no degrees of
-            freedom; index of the mocap body that each body is, or -1; result of `write_sizes`; all (nbody,). Centers of
-            mass of bodies and of their subtrees, (nbody, 3).
-        shapes: body and MuJoCo's geom_type of each geom, (ngeom,), their positions, (ngeom, 3), and frames, (ngeom, 9),
-            and geom_aabb, (ngeom, 6).
+        w: the world.
         velocity: MuJoCo's cvel, about the center of mass of the tree, (nbody, 6).
         led_to: cvel for the velocity to which forces lead without contact, (nbody, 6).
-        surface_speed: speed of the fastest point of mocap bodies, m/s.
-        timestep: h, s.
-        gravity: magnitude of gravity, m/s^2.
-        work: scratch space, (5, nbody).
+        room: scratch space, (5 nbody,).
     """
-    (_, tree, _, size, center, _), of, (alone, many, _, _, _) = bodies, shapes[0], work
-    motion = velocity, led_to, surface_speed, timestep, SLACK * timestep * timestep * gravity + LEAST
+    bodies, shapes = _places(w)
+    (_, tree, _, size_of, center, _), of, npair = bodies, shapes[0], size(w, MODEL.npair)
+    work, gravity = floats(address_of(room), (5, len(tree))), norm(floats(w.model + offset(w, MODEL.opt_gravity), 3))
+    motion = velocity, led_to, surface_speed(w), w.timestep, SLACK * w.timestep * w.timestep * gravity + LEAST
+    (alone, many, _, _, _), body_margin = work, model_floats(w, MODEL.body_margin, len(tree))
+    geom_margin, geom_gap = model_floats(w, MODEL.geom_margin, len(of)), model_floats(w, MODEL.geom_gap, len(of))
+    pair_margin, pair_gap = model_floats(w, MODEL.pair_margin, npair), model_floats(w, MODEL.pair_gap, npair)
+    joint_margin = model_floats(w, MODEL.jnt_margin, size(w, MODEL.njnt))
+    tendon_margin = model_floats(w, MODEL.tendon_margin, size(w, MODEL.ntendon))
     work[:], far, some, still = 0.0, 0.0, False, 0.0
     for g in range(len(of)):
         if tree[of[g]] >= 0:
@@ -195,7 +203,7 @@ def write_margins(
         body_margin[i] = 0.0
         if tree[i] >= 0:
             alone[i] = _way(i, 0, bodies, motion)
-            is_fast = alone[i] > slow * size[i]
+            is_fast = alone[i] > slow * size_of[i]
             body_margin[i] = 0.0 if is_fast else alone[i]
             far, some = max(far, alone[i]), some or is_fast
     if some:
@@ -205,7 +213,7 @@ def write_margins(
             if _may_lack(i, j, body_margin, bodies, work):
                 way = _sum_of_margins(i, j, alone, bodies, motion)
                 lacking = way - body_margin[i] - body_margin[j]
-                if lacking > 0.0 and _are_near(i, j, way, size, center):
+                if lacking > 0.0 and _are_near(i, j, way, size_of, center):
                     body_margin[i if _is_cheaper(i, j, work) else j] += lacking
     for i in range(len(tree)):
         if tree[i] < 0:
@@ -290,20 +298,15 @@ def _reach_what_stands(body_margin, bodies, shapes, motion, work):
 
 
 @plain
-def narrow(geoms, shape, geom_margin, pair_margin, share):
+def narrow(w, share):
     """Scale down the margins of geoms with more contacts with a height field than MuJoCo finds, `mjMAXCONPAIR`.
 
     MuJoCo goes through the prisms of the field by rows, and stops at that number: the nearest can be missing. Return
-    whether there are such geoms.
-
-    Args:
-        geoms: geoms of contacts, (ncon, 2).
-        shape: MuJoCo's geom_type, (ngeom,).
-        geom_margin: margins of geoms, m, (ngeom,), written.
-        pair_margin: margins of pairs, m, (npair,), written.
-        share: the factor.
+    whether there are such geoms. ``share`` is the factor.
     """
-    found, many = False, 0
+    n, geoms, found, many = size(w, MODEL.ngeom), contact_ints(w, CONTACT.geom, 2), False, 0
+    shape, geom_margin = model_ints(w, MODEL.geom_type, n), model_floats(w, MODEL.geom_margin, n)
+    pair_margin = model_floats(w, MODEL.pair_margin, size(w, MODEL.npair))
     for c in range(len(geoms)):
         one, other = geoms[c, 0], geoms[c, 1]
         many = many + 1 if c > 0 and one == geoms[c - 1, 0] and other == geoms[c - 1, 1] else 1

@@ -8,7 +8,9 @@ is not in S(v-), the sums need events.
 from __future__ import annotations
 
 import numpy as np
+from numba import types
 
+from impactlaw.linked import linked
 from impactlaw.mechanics.tolerances import FIXED, SIGNIFICANT
 from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import (
@@ -28,13 +30,15 @@ from impactlaw.solvers.cones.algebra.loops import (
     zeros,
 )
 from impactlaw.solvers.cones.solve import linked_improve
-from impactlaw.stepping.compiled.access import data_floats, data_ints, jacobian_of, model_ints, number, size
+from impactlaw.stepping.compiled.access import jacobian_of, model_ints, number, row_floats, row_ints, size
 from impactlaw.stepping.compiled.fields import DATA, MODEL, flags
 from impactlaw.stepping.compiled.left_out.constraint_basis import least_length, orthonormal
 from impactlaw.stepping.compiled.left_out.tied_contacts import leave_out, parts_of_longest, write_lengths
-from impactlaw.stepping.compiled.whitening import whitened
+from impactlaw.stepping.compiled.whitening import INERTIA, whitened
+from impactlaw.stepping.time_stepping.compiled.state.kinds import ANSWER, NUMBERS, WORLD
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.problem.energy import find_islands
+from impactlaw.stepping.time_stepping.problem.rows import ROWS
 from impactlaw.stepping.time_stepping.problem.targets import reached_groups
 from impactlaw.stepping.time_stepping.tolerances import DRIVEN
 
@@ -42,8 +46,6 @@ COUNT, ENERGY, SURFACE, INTENSITY, DISTANT, INADMISSIBLE = 0, 1, 2, 3, 4, 5
 """Indices of the sums: number of collisions, T+ - T-, work of drifted constraints in it, |v+ - v-|, and number of
 collisions with a distant effect, and with scaled restitution.
 """
-SUMS = 6
-
 _TOLERANCE, _ENOUGH, _ROUNDS = 1e-13, 1e-10, np.int64(24)
 _DRIFT = 1e-10  # largest difference of a row's velocity from J v, relative to the row's part of |v-|
 _ROUNDING = 5e-13  # energy that counts as rounding, relative to |v-|^2
@@ -53,12 +55,11 @@ _OUTSIDE = 1e-10  # part of |v-| by which an outcome may leave S(v-)
 @kernel
 def _constraints(w, rows, bound, basis):
     """Write an orthonormal basis of the constraints that keep their velocity, (m nv,), and return m."""
-    n, ne, nv, given, many = number(w, DATA.nefc), number(w, DATA.ne), w.nv, 0.0, 0
-    gaps, weight, part, dense = data_floats(w, DATA.efc_pos, n), numbers(nv), numbers(ne), zeros(len(basis))
+    nv, given, many, gaps = w.nv, 0.0, 0, row_floats(w, DATA.efc_pos)
+    weight, part, dense = numbers(nv), numbers(number(w, DATA.ne)), zeros(len(basis))
     write_lengths(w, weight)
-    parts_of_longest(
-        data_ints(w, DATA.efc_id, n), flags(w.bilateral, size(w, MODEL.neq)), jacobian_of(w, True), weight, part
-    )
+    kinds = flags(w.bilateral, size(w, MODEL.neq))
+    parts_of_longest(row_ints(w, DATA.efc_id), kinds, jacobian_of(w, True), weight, part)
     for g in range(len(bound)):
         if bound[g]:
             given = max(given, abs(gaps[rows.sparse[2, rows.groups[0, g]]]))
@@ -125,54 +126,6 @@ def _take(rows, members, impulse, first, sizes, kinds, x):
             x[r] = impulse[r]  # of several solutions, the one that the step took
 
 
-@kernel
-def add_collision(w, rows, answer, share, metric, velocity, sums):
-    """Add a collision of a phase to the sums, (`SUMS`,); NaN if its event is needed.
-
-    Args:
-        w: the world.
-        rows: rows of the phase.
-        answer: see `room.Answer`.
-        share: share of the law's restitution that is kept.
-        metric: the mass matrix of the step.
-        velocity: v-, (nv,).
-        sums: see `COUNT`, written.
-    """
-    tree, n = model_ints(w, MODEL.dof_treeid, w.nv), len(answer.x)
-    pushed, target, many = cleared(len(rows.key)), numbers(len(rows.key)), 0
-    for g in range(len(pushed)):
-        target[g] = answer.reached[g] if answer.collides[g] else 0.0
-        pushed[g] = answer.x[rows.groups[0, g]] > 0.0
-    reached = reached_groups(rows, tree, answer.collides, pushed)
-    places = indices(len(reached))
-    for g in range(len(reached)):
-        if reached[g]:
-            places[many], many = g, many + 1
-    members = places[:many]
-    root, v = numbers(w.nv), numbers(w.nv)
-    for i in range(w.nv):
-        root[i] = np.sqrt(metric.inverse[i])
-    whitened(velocity, metric, root, v)
-    room = numbers((number(w, DATA.ne) + 1) * w.nv if any_of(answer.bound) else 0)
-    basis = room[: _constraints(w, rows, answer.bound, room) * w.nv if len(room) > 0 else 0]
-    x, b = zeros(n), zeros(n)
-    if not _aims(rows, members, v, norm(v), target, answer.sliding, b):
-        sums[COUNT] = np.nan
-        return
-    nnz, adr, col, val = _beside(rows, members, basis, w.nv)
-    first, sizes, kinds, z, left = integers(many), integers(many), integers(many), numbers(w.nv), zeros(1)
-    _take(rows, members, answer.x, first, sizes, kinds, x)
-    left[0] = 1.0
-    residual, _ = linked_improve(
-        nnz, adr, col, val, tree, first, sizes, kinds, zeros(many), zeros(n), b, setting(w, SETTING.exact) != 0.0,
-        _TOLERANCE, _ROUNDS, left, x, z,
-    )  # fmt: skip
-    if not residual <= _ENOUGH:
-        sums[COUNT] = np.nan
-    _book(rows, members, tree, basis, x, v, z, sums)
-    sums[INADMISSIBLE] += share < 1.0
-
-
 @plain
 def _write_islands(rows, tree, label, island):
     """Write the island of each tree that contacts or constraints reach, (nv,)."""
@@ -235,3 +188,51 @@ def _book(rows, members, tree, basis, x, v, z, sums):
     sums[SURFACE] += own.sum()
     sums[INTENSITY] += intensity
     sums[DISTANT] += distant
+
+
+@linked(types.void(WORLD, ROWS, ANSWER, types.float64, INERTIA, NUMBERS, NUMBERS))
+def add_collision(w, rows, answer, share, metric, velocity, sums):
+    """Add a collision of a phase to the sums, (`SUMS`,); NaN if its event is needed.
+
+    Args:
+        w: the world.
+        rows: rows of the phase.
+        answer: see `room.Answer`.
+        share: share of the law's restitution that is kept.
+        metric: the mass matrix of the step.
+        velocity: v-, (nv,).
+        sums: see `COUNT`, written.
+    """
+    tree, n = model_ints(w, MODEL.dof_treeid, w.nv), len(answer.x)
+    pushed, target, many = cleared(len(rows.key)), numbers(len(rows.key)), 0
+    for g in range(len(pushed)):
+        target[g] = answer.reached[g] if answer.collides[g] else 0.0
+        pushed[g] = answer.x[rows.groups[0, g]] > 0.0
+    reached = reached_groups(rows, tree, answer.collides, pushed)
+    places = indices(len(reached))
+    for g in range(len(reached)):
+        if reached[g]:
+            places[many], many = g, many + 1
+    members = places[:many]
+    root, v = numbers(w.nv), numbers(w.nv)
+    for i in range(w.nv):
+        root[i] = np.sqrt(metric.inverse[i])
+    whitened(velocity, metric, root, v)
+    room = numbers((number(w, DATA.ne) + 1) * w.nv if any_of(answer.bound) else 0)
+    basis = room[: _constraints(w, rows, answer.bound, room) * w.nv if len(room) > 0 else 0]
+    x, b = zeros(n), zeros(n)
+    if not _aims(rows, members, v, norm(v), target, answer.sliding, b):
+        sums[COUNT] = np.nan
+        return
+    nnz, adr, col, val = _beside(rows, members, basis, w.nv)
+    first, sizes, kinds, z, left = integers(many), integers(many), integers(many), numbers(w.nv), zeros(1)
+    _take(rows, members, answer.x, first, sizes, kinds, x)
+    left[0] = 1.0
+    residual, _ = linked_improve(
+        nnz, adr, col, val, tree, first, sizes, kinds, zeros(many), zeros(n), b, setting(w, SETTING.exact) != 0.0,
+        _TOLERANCE, _ROUNDS, left, x, z,
+    )  # fmt: skip
+    if not residual <= _ENOUGH:
+        sums[COUNT] = np.nan
+    _book(rows, members, tree, basis, x, v, z, sums)
+    sums[INADMISSIBLE] += share < 1.0

@@ -11,9 +11,13 @@ from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import kernel, plain
 from impactlaw.solvers.cones.algebra.vectors import axis_of, cross, dot, length, minus, plus, row
 from impactlaw.stepping.compiled import libmujoco as mj
+from impactlaw.stepping.compiled.access import data_floats, model_ints, shapes_of, size, velocity_of
+from impactlaw.stepping.compiled.fields import DATA, MODEL, floats
 from impactlaw.stepping.compiled.left_out.hidden_edges import support
-from impactlaw.stepping.time_stepping.problem.detection.far_contacts import jump_speed
-from impactlaw.stepping.time_stepping.problem.detection.standing_cylinders import PLANE
+from impactlaw.stepping.time_stepping.compiled.detection.carriers import carrier_of
+from impactlaw.stepping.time_stepping.compiled.detection.far_contacts import jump_speed
+from impactlaw.stepping.time_stepping.compiled.detection.standing_cylinders import PLANE
+from impactlaw.stepping.time_stepping.compiled.state.surfaces import surface_speed
 
 _SEEN = 3e-6
 """Smallest depth, m, that requires a correction."""
@@ -35,9 +39,13 @@ LAST_LOSS = int(mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON)
 
 
 @plain
-def _acceleration(i, motion):
+def _acceleration(w, i):
     """Return a bound on the acceleration of points of a body at constant joint velocities, m/s^2."""
-    velocity, rate, qvel, parent, first, many, center, subtree, root, size = motion
+    n, rate, qvel = size(w, MODEL.nbody), data_floats(w, DATA.cdof_dot, (w.nv, 6)), velocity_of(w)
+    velocity, center = data_floats(w, DATA.cvel, (n, 6)), data_floats(w, DATA.xipos, (n, 3))
+    subtree, root = data_floats(w, DATA.subtree_com, (n, 3)), model_ints(w, MODEL.body_rootid, n)
+    first, many = model_ints(w, MODEL.body_dofadr, n), model_ints(w, MODEL.body_dofnum, n)
+    parent, sizes = model_ints(w, MODEL.body_parentid, n), floats(w.sizes, n)
     turned, moved, body = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), i  # rate of change of MuJoCo's cvel
     while body > 0:
         for j in range(first[body], first[body] + many[body]):
@@ -46,12 +54,13 @@ def _acceleration(i, motion):
     spin, arm = row(velocity, i), minus(row(center, i), row(subtree, root[i]))
     v = plus(velocity[i, 3:], 1.0, cross(spin, arm))
     moved = plus(plus(moved, 1.0, cross(turned, arm)), 1.0, cross(spin, v))
-    return length(moved) + (length(turned) + dot(spin, spin)) * size[i]
+    return length(moved) + (length(turned) + dot(spin, spin)) * sizes[i]
 
 
 @plain
-def _plane_gap(one, other, shape, extent, place, turn):
+def _plane_gap(one, other, shapes):
     """Return the gap between a plane and another geom, m; minus infinity if it is not known in closed form."""
+    shape, extent, place, turn = shapes
     if shape[one] != PLANE:
         one, other = other, one
     if shape[one] != PLANE:
@@ -75,10 +84,10 @@ def _foresee(first, end, g, gaps, rows, timestep):
         g: the first group whose source is one of these contacts or a later one.
         gaps: gaps in the middle of the step, m. Contacts without a group would not close within two steps, unless they
             are closed and have no effect.
-        rows: groups, amounts and rates, see `rows.Rows`.
+        rows: see `rows.Rows`.
         timestep: h, s.
     """
-    (groups, amounts, rates), least, sliding, old = rows, np.inf, 0.0, False
+    groups, amounts, rates, least, sliding, old = rows.groups, rows.amounts, rows.rates, np.inf, 0.0, False
     for c in range(first, end):
         while g < groups.shape[1] and groups[3, g] < c:
             g += 1
@@ -94,7 +103,7 @@ def _foresee(first, end, g, gaps, rows, timestep):
 
 
 @plain
-def bend(contacts, rows, geometry, motion, mocap, surface_speed, at, timestep, again):
+def bend(w, rows, pairs, gaps, again):
     """Return the depth of the deepest overlap at the end of a step, m, and how far to open those of the start, m.
 
     Both are 0 if no overlap asks for a correction. Overlaps arise because contacts deviate from their gradients. A
@@ -104,41 +113,36 @@ def bend(contacts, rows, geometry, motion, mocap, surface_speed, at, timestep, a
     deep at the start are opened over time, here by this deviation.
 
     Args:
-        contacts: geoms of MuJoCo's contacts in the middle of the step, (ncon, 2), and their gaps, (ncon,).
-        rows: groups, amounts and rates of the step, see `rows.Rows`.
-        geometry: MuJoCo's geom_bodyid, geom_type and geom_size, and geom_xpos and geom_xmat at the end of the step.
-        motion: cvel, cdof_dot and qvel at the end of the step, body_parentid, body_dofadr, body_dofnum, xipos,
-            subtree_com, body_rootid, and the result of `margins.write_sizes`.
-        mocap: index of the mocap body that each body is, or -1, (nbody,).
-        surface_speed: speed of the fastest point of mocap bodies, m/s; gaps to bodies that move are measured.
-        at: addresses of the model and of its data at the end of the step.
-        timestep: h, s.
+        w: the world at the end of the step.
+        rows: the rows of the step.
+        pairs: geoms of MuJoCo's contacts in the middle of the step, two for each, (2 ncon,).
+        gaps: their gaps, (ncon,).
         again: whether overlaps have been corrected already; then only new overlaps count.
     """
-    (geoms, gaps), (body_of_geom, shape, extent, place, turned) = contacts, geometry
-    velocity, root, size = motion[0], motion[8], motion[9]
+    geoms, shapes, h = pairs.reshape((-1, 2)), shapes_of(w), w.timestep
+    shape, velocity = shapes[0], data_floats(w, DATA.cvel, (size(w, MODEL.nbody), 6))
+    body_of_geom = model_ints(w, MODEL.geom_bodyid, len(shape))
     g, end, deepest, slow = 0, 0, 0.0, 0.0
     while end < len(geoms):
         first, one, other = end, geoms[end, 0], geoms[end, 1]
         while end < len(geoms) and geoms[end, 0] == one and geoms[end, 1] == other:
             end += 1
-        while g < rows[0].shape[1] and rows[0][3, g] < first:
+        while g < len(rows.key) and rows.groups[3, g] < first:
             g += 1
-        gap = _plane_gap(one, other, shape, extent, place, turned)
+        gap = _plane_gap(one, other, shapes)
         if gap >= -_SEEN:
             continue
-        falls, along, old = _foresee(first, end, g, gaps, rows, timestep)
+        falls, along, old = _foresee(first, end, g, gaps, rows, h)
         if falls == np.inf or (again and old):
             continue
-        a, b = body_of_geom[one], body_of_geom[other]
-        turn = 0.125 * timestep**2 * (_acceleration(a, motion) + _acceleration(b, motion))
-        turn += 0.5 * timestep * (along + jump_speed(a, b, (shape[one], shape[other]), (size[a], size[b]), velocity))
+        turn = 0.125 * h**2 * (_acceleration(w, body_of_geom[one]) + _acceleration(w, body_of_geom[other]))
+        turn += 0.5 * h * (along + jump_speed(w, one, other, velocity))
         bends = turn > _SEEN and falls < turn
-        measured = bends or (surface_speed > 0.0 and (mocap[root[a]] >= 0 or mocap[root[b]] >= 0))
+        measured = bends or (surface_speed(w) > 0.0 and (carrier_of(w, one) >= 0 or carrier_of(w, other) >= 0))
         if gap == -np.inf and not old and measured and shape[one] != _SDF and shape[other] != _SDF:
-            gap = line_gap((shape, extent, place, turned), one, other)
+            gap = line_gap(shapes, one, other)
             if gap == -np.inf:
-                gap = mj.geom_distance(at[0], at[1], one, other, APART, 0)
+                gap = mj.geom_distance(w.model, w.data, one, other, APART, 0)
         if gap == -np.inf or old:
             if bends and not again:
                 deepest, slow = max(deepest, turn), max(slow, turn)
@@ -148,21 +152,19 @@ def bend(contacts, rows, geometry, motion, mocap, surface_speed, at, timestep, a
 
 
 @kernel
-def end_targets(groups, key, amounts, slow, before_key, before, timestep):
+def end_targets(rows, slow, before_key, before, timestep):
     """Return how fast positions must move to open overlaps, m/s, (g,), and whether any must.
 
     Overlaps that were deep at the start of the step are opened by at most a distance, m, other overlaps completely.
 
     Args:
-        groups: see `rows.Rows`, like the next two.
-        key: keys of groups.
-        amounts: gaps first.
+        rows: see `rows.Rows`.
         slow: largest opening of old overlaps, m.
         before_key: keys of the groups of the step, (k,).
         before: their gaps at the start of the step, m or rad, (k,).
         timestep: h, s.
     """
-    need, some = np.zeros(groups.shape[1]), False
+    groups, key, amounts, need, some = rows.groups, rows.key, rows.amounts, np.zeros(len(rows.key)), False
     for g in range(len(need)):
         if groups[2, g] != CONE:
             continue
