@@ -7,6 +7,7 @@ from scenes import compiled
 from stepping.time_stepping.stepped import FLOOR, stepping
 
 from impactlaw import Moreau
+from impactlaw.compiled import compiled as compile_function
 from impactlaw.compiled import for_python
 from impactlaw.stepping.compiled.layout import table
 from impactlaw.stepping.time_stepping.compiled.margins import find_sizes, outruns, write_margins
@@ -14,6 +15,11 @@ from impactlaw.stepping.time_stepping.compiled.state.world import World
 from impactlaw.stepping.time_stepping.tolerances import SLACK
 
 H = 1e-3
+
+
+@compile_function()
+def _write_margins(w, velocity, led_to, room):
+    write_margins(w, velocity, led_to, room)
 
 
 def branches(rng, many, name, root):
@@ -50,7 +56,7 @@ def reached(model, data, led_to):
     sizes = np.zeros(model.nbody + model.nmocap)
     w = world(model, data, sizes)
     for_python(find_sizes)(w, 0)
-    for_python(write_margins)(w, data.cvel.copy(), led_to, np.zeros(5 * model.nbody))
+    _write_margins(w, data.cvel.copy(), led_to, np.zeros(5 * model.nbody))
     return sizes
 
 

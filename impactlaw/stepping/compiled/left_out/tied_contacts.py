@@ -13,15 +13,7 @@ import numpy as np
 from impactlaw.scene.equality_constraints import SHIFTS, STOPPED, TIED, TYING
 from impactlaw.scene.tolerances import OWN_CONSTRAINT, WRITTEN
 from impactlaw.solvers.cones.algebra.loops import FIRST, clear, cleared, dot, kernel, norm, numbers, plain, subtract
-from impactlaw.stepping.compiled.access import (
-    bodies_of,
-    contact_ints,
-    model_floats,
-    model_ints,
-    option,
-    row_ints,
-    size,
-)
+from impactlaw.stepping.compiled.access import bodies_of, contact_ints, model_floats, model_ints, option, row_ints, size
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL
 
 _PYRAMIDAL = int(mujoco.mjtCone.mjCONE_PYRAMIDAL)

@@ -7,17 +7,7 @@ import numpy as np
 from numba import types
 
 from impactlaw.linked import linked
-from impactlaw.solvers.cones.algebra.loops import (
-    clear,
-    cleared,
-    copied,
-    kernel,
-    marks,
-    numbers,
-    plain,
-    put,
-    zeros,
-)
+from impactlaw.solvers.cones.algebra.loops import clear, cleared, copied, kernel, marks, numbers, plain, put, zeros
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
     contact_floats,
@@ -33,15 +23,7 @@ from impactlaw.stepping.compiled.access import (
     size,
     velocity_of,
 )
-from impactlaw.stepping.compiled.fields import (
-    CONTACT,
-    DATA,
-    MODEL,
-    address_of,
-    flags,
-    keep,
-    put_int,
-)
+from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, flags, keep, put_int
 from impactlaw.stepping.time_stepping.compiled.detection.chosen_rows import leave_tied_out
 from impactlaw.stepping.time_stepping.compiled.detection.nearest_points import find_nearest
 from impactlaw.stepping.time_stepping.compiled.detection.standing_cylinders import find_standing

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
+from numba import types
 
+from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import clear, kernel, norm, plain
 from impactlaw.solvers.cones.algebra.vectors import axis_of, cross, dot, length, minus, plus, row
 from impactlaw.stepping.compiled.access import (
@@ -17,6 +19,7 @@ from impactlaw.stepping.compiled.access import (
     size,
 )
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, address_of, floats, ints
+from impactlaw.stepping.time_stepping.compiled.state.kinds import NUMBERS, WORLD
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import surface_speed
 from impactlaw.stepping.time_stepping.tolerances import ALWAYS, LEAST, SLACK
 
@@ -26,6 +29,7 @@ _FEW = 48
 """Number of geoms of a tree of bodies below which finding some in vain costs less than the choice of margins."""
 _SLOW = 0.015
 """Reach of a body, as a part of its size, up to which its margin alone covers it."""
+_TWISTS = types.float64[:, ::1]
 _PLANE, _FIELD = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD)
 
 
@@ -164,71 +168,6 @@ def outruns(w, work):
 
 
 @plain
-def write_margins(w, velocity, led_to, room):
-    """Write margins of bodies, geoms, pairs, joints and tendons, m or rad, for one step.
-
-    MuJoCo adds up the margins of two geoms. For bodies that are near each other, the sum is `SLACK` times the distance
-    by which they can approach each other in the step, but not more than what both move by. Which of the two has that
-    margin is chosen such that few geoms meet: the fingers of a hand that swings move together, and would find each
-    other from as far as they move if the margin for the floor were theirs. Slow bodies, and those of
-    mechanisms of a few geoms, have the margin for all of their motion: finding some contacts in vain costs less than
-    that choice. Limits of joints and tendons are always found; those that are far are left out by `choose`. Gaps of
-    geoms and pairs, beyond which MuJoCo looks for contacts, are added to margins, and set to 0.
-
-    Args:
-        w: the world.
-        velocity: MuJoCo's cvel, about the center of mass of the tree, (nbody, 6).
-        led_to: cvel for the velocity to which forces lead without contact, (nbody, 6).
-        room: scratch space, (5 nbody,).
-    """
-    bodies, shapes = _places(w)
-    (_, tree, _, size_of, center, _), of, npair = bodies, shapes[0], size(w, MODEL.npair)
-    work, gravity = floats(address_of(room), (5, len(tree))), norm(floats(w.model + offset(w, MODEL.opt_gravity), 3))
-    motion = velocity, led_to, surface_speed(w), w.timestep, SLACK * w.timestep * w.timestep * gravity + LEAST
-    (alone, many, _, _, _), body_margin = work, model_floats(w, MODEL.body_margin, len(tree))
-    geom_margin, geom_gap = model_floats(w, MODEL.geom_margin, len(of)), model_floats(w, MODEL.geom_gap, len(of))
-    pair_margin, pair_gap = model_floats(w, MODEL.pair_margin, npair), model_floats(w, MODEL.pair_gap, npair)
-    joint_margin = model_floats(w, MODEL.jnt_margin, size(w, MODEL.njnt))
-    tendon_margin = model_floats(w, MODEL.tendon_margin, size(w, MODEL.ntendon))
-    work[:], far, some, still = 0.0, 0.0, False, 0.0
-    for g in range(len(of)):
-        if tree[of[g]] >= 0:
-            many[of[g]] += 1.0
-    most = of_tree = 0.0
-    for i in range(1, len(tree)):
-        of_tree = many[i] + (of_tree if tree[i] == tree[i - 1] else 0.0)
-        most = max(most, of_tree)
-    slow = np.inf if most < _FEW else _SLOW
-    for i in range(len(tree)):
-        body_margin[i] = 0.0
-        if tree[i] >= 0:
-            alone[i] = _way(i, 0, bodies, motion)
-            is_fast = alone[i] > slow * size_of[i]
-            body_margin[i] = 0.0 if is_fast else alone[i]
-            far, some = max(far, alone[i]), some or is_fast
-    if some:
-        still = _reach_what_stands(body_margin, bodies, shapes, motion, work)
-    for i in range(len(tree) if some else 0):
-        for j in range(i + 1, len(tree) if many[i] > 0.0 else 0):
-            if _may_lack(i, j, body_margin, bodies, work):
-                way = _sum_of_margins(i, j, alone, bodies, motion)
-                lacking = way - body_margin[i] - body_margin[j]
-                if lacking > 0.0 and _are_near(i, j, way, size_of, center):
-                    body_margin[i if _is_cheaper(i, j, work) else j] += lacking
-    for i in range(len(tree)):
-        if tree[i] < 0:
-            body_margin[i] = still
-    for i in range(len(geom_margin)):
-        geom_margin[i], geom_gap[i] = body_margin[of[i]] + geom_gap[i], 0.0
-    for i in range(len(geom_margin)):
-        body_margin[of[i]] = max(body_margin[of[i]], geom_margin[i])
-    for i in range(len(pair_margin)):
-        pair_margin[i], pair_gap[i] = 2.0 * far + pair_gap[i], 0.0
-    joint_margin[:] = ALWAYS
-    tendon_margin[:] = ALWAYS
-
-
-@plain
 def _way(i, j, bodies, motion):
     """Return `SLACK` times the distance by which body i and body j, if it moves, can approach each other in a step."""
     (root, tree, mocap, size, _, _), (velocity, led_to, surface_speed, timestep, least) = bodies, motion
@@ -295,6 +234,71 @@ def _reach_what_stands(body_margin, bodies, shapes, motion, work):
     for i in range(len(tree)):
         body_margin[i] = max(body_margin[i], need[i] - still)
     return still
+
+
+@linked(types.void(WORLD, _TWISTS, _TWISTS, NUMBERS), counts=False)
+def write_margins(w, velocity, led_to, room):
+    """Write margins of bodies, geoms, pairs, joints and tendons, m or rad, for one step.
+
+    MuJoCo adds up the margins of two geoms. For bodies that are near each other, the sum is `SLACK` times the distance
+    by which they can approach each other in the step, but not more than what both move by. Which of the two has that
+    margin is chosen such that few geoms meet: the fingers of a hand that swings move together, and would find each
+    other from as far as they move if the margin for the floor were theirs. Slow bodies, and those of
+    mechanisms of a few geoms, have the margin for all of their motion: finding some contacts in vain costs less than
+    that choice. Limits of joints and tendons are always found; those that are far are left out by `choose`. Gaps of
+    geoms and pairs, beyond which MuJoCo looks for contacts, are added to margins, and set to 0.
+
+    Args:
+        w: the world.
+        velocity: MuJoCo's cvel, about the center of mass of the tree, (nbody, 6).
+        led_to: cvel for the velocity to which forces lead without contact, (nbody, 6).
+        room: scratch space, (5 nbody,).
+    """
+    bodies, shapes = _places(w)
+    (_, tree, _, size_of, center, _), of, npair = bodies, shapes[0], size(w, MODEL.npair)
+    work, gravity = floats(address_of(room), (5, len(tree))), norm(floats(w.model + offset(w, MODEL.opt_gravity), 3))
+    motion = velocity, led_to, surface_speed(w), w.timestep, SLACK * w.timestep * w.timestep * gravity + LEAST
+    (alone, many, _, _, _), body_margin = work, model_floats(w, MODEL.body_margin, len(tree))
+    geom_margin, geom_gap = model_floats(w, MODEL.geom_margin, len(of)), model_floats(w, MODEL.geom_gap, len(of))
+    pair_margin, pair_gap = model_floats(w, MODEL.pair_margin, npair), model_floats(w, MODEL.pair_gap, npair)
+    joint_margin = model_floats(w, MODEL.jnt_margin, size(w, MODEL.njnt))
+    tendon_margin = model_floats(w, MODEL.tendon_margin, size(w, MODEL.ntendon))
+    work[:], far, some, still = 0.0, 0.0, False, 0.0
+    for g in range(len(of)):
+        if tree[of[g]] >= 0:
+            many[of[g]] += 1.0
+    most = of_tree = 0.0
+    for i in range(1, len(tree)):
+        of_tree = many[i] + (of_tree if tree[i] == tree[i - 1] else 0.0)
+        most = max(most, of_tree)
+    slow = np.inf if most < _FEW else _SLOW
+    for i in range(len(tree)):
+        body_margin[i] = 0.0
+        if tree[i] >= 0:
+            alone[i] = _way(i, 0, bodies, motion)
+            is_fast = alone[i] > slow * size_of[i]
+            body_margin[i] = 0.0 if is_fast else alone[i]
+            far, some = max(far, alone[i]), some or is_fast
+    if some:
+        still = _reach_what_stands(body_margin, bodies, shapes, motion, work)
+    for i in range(len(tree) if some else 0):
+        for j in range(i + 1, len(tree) if many[i] > 0.0 else 0):
+            if _may_lack(i, j, body_margin, bodies, work):
+                way = _sum_of_margins(i, j, alone, bodies, motion)
+                lacking = way - body_margin[i] - body_margin[j]
+                if lacking > 0.0 and _are_near(i, j, way, size_of, center):
+                    body_margin[i if _is_cheaper(i, j, work) else j] += lacking
+    for i in range(len(tree)):
+        if tree[i] < 0:
+            body_margin[i] = still
+    for i in range(len(geom_margin)):
+        geom_margin[i], geom_gap[i] = body_margin[of[i]] + geom_gap[i], 0.0
+    for i in range(len(geom_margin)):
+        body_margin[of[i]] = max(body_margin[of[i]], geom_margin[i])
+    for i in range(len(pair_margin)):
+        pair_margin[i], pair_gap[i] = 2.0 * far + pair_gap[i], 0.0
+    joint_margin[:] = ALWAYS
+    tendon_margin[:] = ALWAYS
 
 
 @plain

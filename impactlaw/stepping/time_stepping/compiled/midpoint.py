@@ -10,28 +10,14 @@ from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import clear, equal, plain, put
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import (
-    bodies_of,
-    contact_ints,
-    contacts_of,
     data_floats,
     number,
     offset,
     option,
-    shapes_of,
     size,
     velocity_of,
 )
-from impactlaw.stepping.compiled.fields import (
-    CONTACT,
-    DATA,
-    MODEL,
-    address_of,
-    flags,
-    floats,
-    int_at,
-    ints,
-    put_int,
-)
+from impactlaw.stepping.compiled.fields import DATA, MODEL, address_of, flags, floats, int_at, ints, put_int
 from impactlaw.stepping.time_stepping.compiled.detection.contact_points import mend
 from impactlaw.stepping.time_stepping.compiled.detection.far_contacts import far_ones_close, leave_far_out
 from impactlaw.stepping.time_stepping.compiled.detection.nearest_points import find_nearest
@@ -48,11 +34,7 @@ from impactlaw.stepping.time_stepping.compiled.model_copy import (
 )
 from impactlaw.stepping.time_stepping.compiled.state.kinds import BOOLEAN, MARKS, NUMBERS, WORLD
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, are_left, forget
-from impactlaw.stepping.time_stepping.compiled.state.surfaces import (
-    begin_surfaces,
-    place_surfaces,
-    speeds_of_middle,
-)
+from impactlaw.stepping.time_stepping.compiled.state.surfaces import begin_surfaces, place_surfaces, speeds_of_middle
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 from impactlaw.stepping.time_stepping.tolerances import ALWAYS, SHARES
 
@@ -148,8 +130,8 @@ def _mend_contacts(w, now):
     """
     mended = False
     if number(w, DATA.ncon) > 0:
-        nearer, dim = find_nearest(w), contact_ints(w, CONTACT.dim, 1)[:, 0]
-        mended = mend(contacts_of(w), dim, bodies_of(w), shapes_of(w), (w.model, w.data)) or nearer
+        nearer = find_nearest(w)
+        mended = mend(w) or nearer
     return (len(now) > 0 and leave_far_out(w, now)) or mended
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from impactlaw import Moreau, Stepper
 from impactlaw.compiled import for_python
-from impactlaw.stepping.time_stepping.compiled.detection.contact_points import mend
+from impactlaw.stepping.time_stepping.compiled.detection.contact_points import put_on_bodies, put_on_planes
 
 TABLE = """<mujoco><option timestep="0.002" cone="elliptic"/><worldbody><geom type="plane" size="1 1 1"/>
   <body pos="0 0 .1"><freejoint/><geom type="box" size=".12 .05 .02" mass="50" contype="0" conaffinity="0"/>
@@ -14,7 +14,6 @@ TABLE = """<mujoco><option timestep="0.002" cone="elliptic"/><worldbody><geom ty
     <geom size=".005" pos="-.1 .04 -.095"/><geom size=".005" pos=".1 .04 -.095"/></body></worldbody></mujoco>"""
 BODIES, GEOMS = np.array([0, 0, 1], np.int32), np.array([[0, 2], [1, 2]], np.int32)
 WELD = np.array([1, 2], np.int32)
-PLANES = np.zeros(3, np.int32), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 9))
 BOTH, SECOND = np.array([0, 1], np.int32), np.array([-1, 0], np.int32)  # indices of bodies with degrees of freedom
 
 
@@ -38,9 +37,9 @@ def _leveled(gaps, heights, second=(0.0, 0.0, 1.0), *, move=BOTH, condim=3):
     """Return whether two points are moved, and their heights afterwards; the second one has the given normal."""
     pos, frame = np.array([[0.0, 0.0, heights[0]], [1.0, 0.0, heights[1]]]), np.zeros((2, 9))
     frame[0, :3], frame[1, :3] = (0.0, 0.0, 1.0), second
-    dim, nowhere = np.full(2, condim, np.int32), (0, 0)  # distances of planes are never asked for
-    contacts = np.array(gaps), pos, frame, GEOMS
-    moved = for_python(mend)(contacts, dim, (BODIES, WELD, move), PLANES, nowhere)
+    contacts, dim = (np.array(gaps), pos, frame), np.full(2, condim, np.int32)
+    moved = for_python(put_on_bodies)(*contacts, dim, GEOMS, BODIES, WELD, move)
+    moved = for_python(put_on_planes)(*contacts, GEOMS, BODIES, WELD) or moved
     return moved, pos[:, 2].tolist()
 
 

@@ -17,10 +17,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from impactlaw.linked import linked
 from impactlaw.scene.corrected.rounding import make_orthogonal, meet_axes
-from impactlaw.solvers.cones.algebra.loops import kernel, plain
+from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.solvers.cones.algebra.vectors import dot, minus, plus, row, write
+from impactlaw.stepping.compiled.access import bodies_of, contact_ints, contacts_of, shapes_of
+from impactlaw.stepping.compiled.fields import CONTACT
 from impactlaw.stepping.compiled.left_out.hidden_edges import hide_edges
+from impactlaw.stepping.time_stepping.compiled.state.kinds import BOOLEAN, WORLD
 
 _PARALLEL = 1e-9  # difference of normals up to which points belong to one face
 _LEVEL = 1e-10  # m: distance up to which points are in one plane
@@ -111,20 +115,12 @@ def put_on_planes(dist, pos, frame, geom, body_of_geom, weld):
     return moved
 
 
-@kernel
-def mend(contacts, dim, bodies, shapes, at):
-    """Correct contacts; return whether anything was changed.
-
-    Args:
-        contacts: gaps, points, frames and geoms of contacts, see `nearest_points.add_nearest`; written.
-        dim: MuJoCo's condim of contacts, (ncon,).
-        bodies: MuJoCo's geom_bodyid, body_weldid and body_treeid.
-        shapes: MuJoCo's geom_type, geom_size, geom_xpos and geom_xmat.
-        at: addresses of the model and of its data.
-    """
-    (dist, pos, frame, geom), (body_of_geom, weld, tree), (kind, size, place, turn) = contacts, bodies, shapes
-    turned = make_orthogonal(frame)
-    turned = meet_axes(kind, size, place, turn, geom, pos, frame) or turned
-    turned = hide_edges(dist, pos, frame, geom, body_of_geom, weld, tree, shapes, at) or turned
+@linked(BOOLEAN(WORLD))
+def mend(w):
+    """Correct the contacts of data; return whether anything was changed."""
+    (dist, pos, frame, geom), (body_of_geom, weld, tree), shapes = contacts_of(w), bodies_of(w), shapes_of(w)
+    dim, turned = contact_ints(w, CONTACT.dim, 1)[:, 0], make_orthogonal(frame)
+    turned = meet_axes(*shapes, geom, pos, frame) or turned
+    turned = hide_edges(dist, pos, frame, geom, body_of_geom, weld, tree, shapes, (w.model, w.data)) or turned
     moved = put_on_bodies(dist, pos, frame, dim, geom, body_of_geom, weld, tree)
     return put_on_planes(dist, pos, frame, geom, body_of_geom, weld) or moved or turned

@@ -14,14 +14,7 @@ from impactlaw.linked import linked
 from impactlaw.solvers.cones.algebra.loops import norm, plain
 from impactlaw.solvers.cones.algebra.vectors import cross, length, minus, plus, row
 from impactlaw.stepping.compiled import libmujoco as mj
-from impactlaw.stepping.compiled.access import (
-    contact_ints,
-    contacts_of,
-    data_floats,
-    model_ints,
-    offset,
-    size,
-)
+from impactlaw.stepping.compiled.access import contact_ints, contacts_of, data_floats, model_ints, offset, size
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL, floats
 from impactlaw.stepping.time_stepping.compiled.state.kinds import BOOLEAN, NUMBERS, WORLD
 from impactlaw.stepping.time_stepping.compiled.state.surfaces import surface_speed
@@ -86,11 +79,8 @@ def leave_far_out(w, now):
 @plain
 def far_ones_close(w):
     """Return whether a contact left out can close in a timestep at the velocities of bodies in data."""
-    dist, exclude, velocity = (
-        contacts_of(w)[0],
-        contact_ints(w, CONTACT.exclude, 1),
-        data_floats(w, DATA.cvel, (size(w, MODEL.nbody), 6)),
-    )
+    dist, exclude = contacts_of(w)[0], contact_ints(w, CONTACT.exclude, 1)
+    velocity = data_floats(w, DATA.cvel, (size(w, MODEL.nbody), 6))
     for k in range(len(dist)):
         if exclude[k, 0] == _FAR and dist[k] < w.timestep * _speed(w, k, velocity):
             return True

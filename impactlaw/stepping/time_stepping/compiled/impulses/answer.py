@@ -12,25 +12,8 @@ from impactlaw.solvers.cones.algebra.loops import counts, kernel, plain
 from impactlaw.stepping.compiled.access import model_ints, row_ints, size
 from impactlaw.stepping.compiled.fields import DATA, MODEL, flags, floats
 from impactlaw.stepping.compiled.whitening import INERTIA
-from impactlaw.stepping.time_stepping.compiled.state.hook import (
-    ASK,
-    ERROR,
-    HOOK,
-    LOST,
-    TOGETHER,
-    WATCH,
-    hooked,
-    tell,
-)
-from impactlaw.stepping.time_stepping.compiled.state.kinds import (
-    ANSWER,
-    BOOLEAN,
-    INTEGER,
-    LAW,
-    NUMBERS,
-    WORLD,
-    typeof,
-)
+from impactlaw.stepping.time_stepping.compiled.state.hook import ASK, ERROR, HOOK, LOST, TOGETHER, WATCH, hooked, tell
+from impactlaw.stepping.time_stepping.compiled.state.kinds import ANSWER, BOOLEAN, INTEGER, LAW, NUMBERS, WORLD, typeof
 from impactlaw.stepping.time_stepping.compiled.state.law import add_reached, ask_law, reverse
 from impactlaw.stepping.time_stepping.compiled.state.status import CREATES, FINE, NOT_FINITE, RAISED
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting

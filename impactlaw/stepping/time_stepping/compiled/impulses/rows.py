@@ -9,14 +9,7 @@ from impactlaw.linked import linked
 from impactlaw.scene.tolerances import NO_FRICTION
 from impactlaw.solvers.cones import BILATERAL, BOX, CONE
 from impactlaw.solvers.cones.algebra.loops import cleared, numbers, plain, zeros
-from impactlaw.stepping.compiled.access import (
-    contact_floats,
-    contact_ints,
-    layout_of_trees,
-    row_floats,
-    row_ints,
-    size,
-)
+from impactlaw.stepping.compiled.access import contact_floats, contact_ints, layout_of_trees, row_floats, row_ints, size
 from impactlaw.stepping.compiled.fields import CONTACT, DATA, MODEL
 from impactlaw.stepping.compiled.whitening import INERTIA, whiten
 from impactlaw.stepping.time_stepping.compiled.state.kinds import BOOLEAN, MARKS, NUMBERS, WORLD

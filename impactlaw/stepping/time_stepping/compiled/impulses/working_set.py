@@ -10,11 +10,7 @@ from impactlaw.stepping.compiled.access import velocity_of
 from impactlaw.stepping.compiled.fields import floats
 from impactlaw.stepping.time_stepping.compiled.detection.chosen_rows import choose, look
 from impactlaw.stepping.time_stepping.compiled.impulses.answer import NO_ANSWER
-from impactlaw.stepping.time_stepping.compiled.impulses.contact_problem import (
-    Outcome,
-    attempt,
-    sees_more,
-)
+from impactlaw.stepping.time_stepping.compiled.impulses.contact_problem import Outcome, attempt, sees_more
 from impactlaw.stepping.time_stepping.compiled.impulses.forces import created, forces_at, half, split, stale
 from impactlaw.stepping.time_stepping.compiled.limits import passes_limit
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY, remember_so_far
