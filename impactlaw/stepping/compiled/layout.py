@@ -87,6 +87,11 @@ def table() -> np.ndarray:
     return found
 
 
+def structure_at(owner: Any) -> int:
+    """Return the address of MuJoCo's structure of a model or of data."""
+    return owner._address
+
+
 @cache
 def data_offset(name: str) -> int:
     """Return the offset of an array's address in mjData, bytes.
@@ -109,7 +114,7 @@ def _check(offsets: np.ndarray) -> None:
         model: Any = mujoco.MjModel.from_xml_string(_SCENE)
         data: Any = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
-    pointers = [(data._address, DATA, data), (model._address, MODEL, model)]
+    pointers = [(structure_at(data), DATA, data), (structure_at(model), MODEL, model)]
     wrong = []
     for address, fields, owner in pointers:
         for name, index in zip(fields._fields, fields, strict=True):

@@ -9,7 +9,7 @@ import numpy as np
 
 from impactlaw.stepping.compiled.engine import Entry, fill_context
 from impactlaw.stepping.compiled.law_table import Coefficients
-from impactlaw.stepping.compiled.layout import empty_stack, table
+from impactlaw.stepping.compiled.layout import empty_stack, structure_at, table
 from impactlaw.stepping.compiled.libmujoco import callbacks, is_called_back, without_callbacks
 from impactlaw.stepping.integration import STEP_STATE, restore_state
 
@@ -42,7 +42,7 @@ class OneWorld:
         """Write the addresses of arrays, and numbers, for compiled code; those of both ways to step are added."""
         arrays |= {"table": self._table, "callbacks": self._callbacks}
         arrays |= {"keys": self._coefficients.key, "values": self._coefficients.value}
-        numbers |= {"model": self._model._address, "callback_count": len(self._callbacks)}
+        numbers |= {"model": structure_at(self._model), "callback_count": len(self._callbacks)}
         fill_context(self._context, self._places, arrays, numbers | {"known": len(self._coefficients.key)})
 
     def _fail(self, data: Any, state: np.ndarray, message: str) -> None:

@@ -37,7 +37,7 @@ from impactlaw.solvers import load_solvers
 from impactlaw.stepping.compatibility import refuse_override
 from impactlaw.stepping.compiled.engine import when_gone
 from impactlaw.stepping.compiled.fields import SIZE
-from impactlaw.stepping.compiled.layout import empty_stack
+from impactlaw.stepping.compiled.layout import empty_stack, structure_at
 from impactlaw.stepping.compiled.one_world import OneWorld
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import STEP_STATE, check_input, check_timestep, empty_state, restore_state
@@ -120,15 +120,14 @@ class TimeStepping(OneWorld):
 
     def _write_context(self) -> None:
         """Write addresses and sizes of all arrays for compiled code."""
-        scratch: Any = self._scratch
         arrays = {
             "settings": self._settings, "carriers": self.law.carriers, "bilateral": self._bilateral,
             "memory": self._memory, "structure": self._structure, "margins": self._margins, "state": self._state,
             "before": self._before,
         }  # fmt: skip
         numbers = {
-            "scratch": scratch._address, "memories": self._memory.shape[1], "margin_count": len(self._margins),
-            "states": len(self._state),
+            "scratch": structure_at(self._scratch), "memories": self._memory.shape[1],
+            "margin_count": len(self._margins), "states": len(self._state),
         }  # fmt: skip
         self._fill_context(arrays, numbers)
 

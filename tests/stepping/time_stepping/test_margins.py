@@ -9,7 +9,7 @@ from stepping.time_stepping.stepped import FLOOR, stepping
 from impactlaw import Moreau
 from impactlaw.compiled import compiled as compile_function
 from impactlaw.compiled import for_python
-from impactlaw.stepping.compiled.layout import table
+from impactlaw.stepping.compiled.layout import structure_at, table
 from impactlaw.stepping.time_stepping.compiled.margins import find_sizes, outruns, write_margins
 from impactlaw.stepping.time_stepping.compiled.state.world import World
 from impactlaw.stepping.time_stepping.tolerances import SLACK
@@ -62,7 +62,7 @@ def reached(model, data, led_to):
 
 def world(model, data, sizes):
     """Return the scene as compiled code sees it; its mocap bodies do not move."""
-    at = model._address, data._address, 0, table().ctypes.data, 0, sizes.ctypes.data, 0
+    at = structure_at(model), structure_at(data), 0, table().ctypes.data, 0, sizes.ctypes.data, 0
     return World(*at, model.nv, H, False, 0, 0, 0)
 
 

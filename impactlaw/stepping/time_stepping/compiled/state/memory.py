@@ -41,7 +41,7 @@ class Memory(NamedTuple):
     found_groups: int = 17  # number of groups of the impulses found so far in a step that is taken again, an int64
     found_rows: int = 18  # number of their rows, 0 if there are none, an int64
     found_work: int = 19  # remaining part of the allowed work when they were found
-    sums: int = 20  # six sums over the collisions of the last step, see `sums`, if they are asked for
+    sums: int = 20  # six sums over the collisions of the last step, see `impulses.sums`, if they are asked for
     # number of these indices. The following arrays begin here: qpos and qvel at the end of the last step, the change of
     # velocity by forces without contact in the last step, the change by contact if nothing collided, frames, see
     # `keep_frames`, and the motion of mocap bodies, see `surfaces`

@@ -25,7 +25,7 @@ class Room(NamedTuple):
     answer: int  # address of `Answer`
     known: int  # address of `Known`
     velocities: int  # address of velocities, (`VELOCITIES`, nv)
-    sums: int  # address of sums over the collisions, see `sums`
+    sums: int  # address of sums over the collisions, see `impulses.sums`
     entries: int  # largest number of entries of whitened rows
     nv: int  # degrees of freedom
 
