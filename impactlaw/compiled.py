@@ -12,6 +12,7 @@ import hashlib
 import os
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -30,7 +31,8 @@ _NEEDED = (
 
 try:
     import numba
-    from numba.core import sigutils
+    from numba.core import sigutils, typeinfer
+    from numba.core.caching import FunctionCache
 
     from impactlaw.parts import LinkedCompiler
 except ImportError as error:
@@ -56,6 +58,7 @@ _PARTS = (
 """Folders of this package with compiled functions; each folder uses its own functions and those of earlier folders."""
 
 _KEPT = f"{__name__}.Kept"
+_UNKEPT = "in every process anew, since {}: NUMBA_CACHE_DIR can name one that has room for some 20 MB;"
 
 _ALSO = (
     "parts.py",
@@ -78,9 +81,10 @@ _ALSO = (
 
 @cache
 def cache_folder(parts: int = len(_PARTS)) -> Path | None:
-    """Return the folder for compiled functions of this version; None if it cannot be written.
+    """Return the folder for compiled functions of this version; None if there is none and it cannot be made.
 
-    It is in ``NUMBA_CACHE_DIR`` if that is set, else in ``XDG_CACHE_HOME`` or ``~/.cache``.
+    It is in ``NUMBA_CACHE_DIR`` if that is set, else in ``XDG_CACHE_HOME`` or ``~/.cache``. A folder that can only be
+    read, as in the image of a container, serves with what is in it.
 
     Args:
         parts: number of folders of sources, from the first one, that determine the name.
@@ -92,13 +96,13 @@ def cache_folder(parts: int = len(_PARTS)) -> Path | None:
     for folder in _PARTS[:parts]:
         for path in sorted((root / folder).glob("*.py")):
             digest.update(path.read_bytes())
-    base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    folder = Path(base) / "impactlaw" / digest.hexdigest()[:16]
+    base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
     try:
+        folder = Path(base or Path.home() / ".cache") / "impactlaw" / digest.hexdigest()[:16]
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
+    except (OSError, RuntimeError):  # RuntimeError: this user has no home directory
         return None
-    return folder if os.access(folder, os.W_OK) else None
+    return folder
 
 
 def _parts(module: str) -> int:
@@ -107,9 +111,19 @@ def _parts(module: str) -> int:
     return max(inside, default=len(_PARTS) - 1) + 1
 
 
+def _is_writable(folder: Path | None) -> bool:
+    return folder is not None and os.access(folder, os.W_OK)
+
+
 @cache
 def _tell() -> None:
-    print("impactlaw: compiling contact, once; this takes up to two minutes", file=sys.stderr)
+    how = "once;" if _is_writable(cache_folder()) else _UNKEPT.format("there is no folder that can be written")
+    print(f"impactlaw: compiling contact, {how} this takes up to two minutes", file=sys.stderr)
+
+
+@cache
+def _tell_unkept(reason: str) -> None:
+    print(f"impactlaw: compiling contact {_UNKEPT.format(reason)}", file=sys.stderr)
 
 
 @cache
@@ -130,7 +144,7 @@ def compile_together(module: str) -> None:
     folder = cache_folder(_parts(module))
     if folder is not None and not any((folder / module).glob("*.nbi")):
         announce(module)
-        if HAS_LOCKS:
+        if HAS_LOCKS and _is_writable(folder):
             start_helpers(module, folder)
 
 
@@ -140,6 +154,7 @@ def help_with(module: str, lock: str) -> None:
         if not mine:
             return
         later: list[Callable[[], Any]] = []
+        _Cache.must_save = True
         LATER.set(later)
         import_module(module)
         LATER.set(None)
@@ -166,8 +181,9 @@ class Kept:
         return place
 
     def ensure_cache_path(self) -> None:
-        """Create the folder."""
-        self._path.mkdir(parents=True, exist_ok=True)
+        """Create the folder, if that is possible."""
+        with suppress(OSError):
+            self._path.mkdir(parents=True, exist_ok=True)
 
     def get_cache_path(self) -> str:
         """Return the folder."""
@@ -180,6 +196,26 @@ class Kept:
     def get_disambiguator(self) -> str:
         """Return the line number, which distinguishes functions with the same name in a module."""
         return str(self._line)
+
+
+class _Cache(FunctionCache):
+    """The cache of a function, without which a process does, too: a disk may be full, or a folder not writable."""
+
+    must_save = False
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the compiled function of a signature, or None if it cannot be read."""
+        with suppress(OSError):
+            return super().load_overload(sig, target_context)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep a compiled function if possible; a helper, which only compiles for others, ends if it is not."""
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            if self.must_save:
+                raise
+            _tell_unkept(str(error))
 
 
 def compiled(*signature: Any, counts: bool = True, python: bool = True) -> Callable[[Callable[..., Any]], Any]:
@@ -239,9 +275,14 @@ def _compile(function: Callable[..., Any], signature: tuple[Any, ...], options: 
     collects = gc.isenabled()
     gc.disable()  # numba creates millions of objects, and repeated garbage collection would take a tenth longer
     try:
-        return cast(Any, numba.njit)(*signature, cache=folder is not None, error_model="numpy", nogil=True, **options)(
-            function
-        )
+        made = cast(Any, numba.njit)(error_model="numpy", nogil=True, **options)(function)
+        if folder is not None:
+            made._cache = _Cache(function)
+        if signature:
+            with cast(Any, typeinfer).register_dispatcher(made):  # as njit does: the function may call itself
+                made.compile(*signature)
+                made.disable_compile()
+        return made
     finally:
         settings.CACHE_DIR, settings.CACHE_LOCATOR_CLASSES = kept
         if collects:

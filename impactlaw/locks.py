@@ -21,7 +21,7 @@ def alone(path: Path | None, *, wait: bool = True) -> Iterator[bool]:
     """Hold the lock of a folder, or of a file, which is created if it does not exist.
 
     Args:
-        path: path of the folder or file; None if it cannot be written.
+        path: path of the folder or file; None if there is none.
         wait: whether to wait until another process releases the lock.
 
     Yields:
@@ -30,7 +30,11 @@ def alone(path: Path | None, *, wait: bool = True) -> Iterator[bool]:
     if fcntl is None or path is None:
         yield wait
         return
-    place = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR | os.O_CREAT, 0o666)
+    try:
+        place = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR | os.O_CREAT, 0o666)
+    except OSError:  # it does not exist and cannot be created, or another user has it
+        yield wait
+        return
     try:
         try:
             fcntl.flock(place, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))

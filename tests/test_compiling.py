@@ -95,6 +95,12 @@ def test_one_process_at_a_time_holds_a_file(tmp_path):
         assert again
 
 
+@pytest.mark.parametrize("wait", [True, False])
+def test_where_no_file_can_be_created_nobody_waits_and_nobody_helps(tmp_path, wait):
+    with alone(tmp_path / "missing" / "lock", wait=wait) as goes_on:
+        assert goes_on is wait
+
+
 _HELP = """
 from impactlaw.compiled import cache_folder, help_with
 from impactlaw.locks import alone

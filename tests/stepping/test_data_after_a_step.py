@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from impactlaw import Moreau, Stepper
+from impactlaw import Batch, Moreau, Stepper
 
 WAYS = {
     "soft": {"contact_model": "soft"},
@@ -82,6 +82,23 @@ def test_rollouts_from_a_state_do_not_depend_on_those_before(way):
         mujoco.mj_setState(model, data, state, _STATE)
         wanted = go_on(Stepper(model, Moreau(0.3), **WAYS[way]), other, 8)
         np.testing.assert_array_equal(go_on(stepper, data, 8), wanted)
+
+
+@pytest.mark.parametrize("resets", [True, False])
+def test_rollouts_of_worlds_from_where_one_of_them_is(resets):
+    """A world that was reset begins as the others do, not with the memory of the step that led there."""
+    batch, same = Batch(mujoco.MjModel.from_xml_string(_SCENE), Moreau(0.3), 2), []
+    for i in range(12):
+        batch.bind("ctrl")[:, 0] = np.sin(i)
+        batch.step([0], nstep=15)
+        state = batch.state[0].copy()
+        if resets:
+            batch.reset()
+        batch.state[:] = state
+        batch.step(nstep=8)
+        same.append(np.array_equal(*batch.state))
+        batch.state[0] = state
+    assert all(same) is resets
 
 
 @every_way
