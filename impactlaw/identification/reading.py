@@ -73,7 +73,11 @@ def read_collisions(path: str | Path, *, contacts: str | Sequence[str] | None = 
     have = set(table)
     wanted = FULL if len(have & set(FULL)) > len(have & set(CONTACT)) else CONTACT
     missing = ", ".join(name for name in wanted if name not in have)
-    raise MeasurementError(f"{path} has no column {missing}; a table has {', '.join(FULL)} or {', '.join(CONTACT)}")
+    found = ", ".join(map(repr, table))
+    raise MeasurementError(
+        f"{path} has no column {missing}; a table has {', '.join(FULL)} or {', '.join(CONTACT)}, this one has "
+        f"{found:.150}"
+    )
 
 
 def _chosen(table: "pd.DataFrame", contacts: str | Sequence[str] | None, name: str, ndim: int) -> "pd.DataFrame":

@@ -251,7 +251,8 @@ class Stepper:
         leaves the state as it was before the step.
 
         Args:
-            data: the state of the scene.
+            data: the state of the scene. It is stepped with the model of this stepper, even if it belongs to another
+                one of the same structure, such as `MjSpec.recompile` returns: make a new Stepper for that.
             steps: number of timesteps; `events` then holds the collisions of all of them.
 
         Raises:

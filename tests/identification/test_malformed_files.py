@@ -63,7 +63,7 @@ def still():
 
 MALFORMED = {
     "no such column": (changed(pre_contact_velocity=None), "has no column pre_contact_velocity"),
-    "other columns": ([{"x": 1, "y": 2}], "has no column"),
+    "other columns": ([{"x": 1, "y": 2}], "has no column .*, this one has 'x', 'y'"),
     "one column": ([{"mass_matrix": "[[1]]"}], "has no column jacobian, pre_velocity, post_velocity"),
     "NaN": (changed(3, post_contact_velocity="[NaN, 1.0]"), "row 3: post_contact_velocity has entries that"),
     "infinite": (changed(pre_contact_velocity="[-Infinity, 0.0]"), "row 0: pre_contact_velocity has entries that"),
@@ -151,6 +151,7 @@ def test_malformed_tables_are_told_in_one_line(tmp_path, monkeypatch, capsys, na
         ("missing.csv", None, "there is no file"),
         ("run.txt", b"1,2", "neither a recording"),
         ("broken.parquet", b"not a table", "cannot be read as a table"),
+        ("semicolons.csv", b"pre_contact_velocity;post_contact_velocity\n-1;1\n", "has 'pre_contact_velocity;post_"),
         ("broken.csv", b"a,b\n1,2,3,4\n1,2,3\n", "has no column|cannot be read"),
         ("broken.rrd", b"not a recording", "is not a recording"),
         ("empty.csv", b"", "cannot be read as a table"),
