@@ -71,6 +71,7 @@ _ALSO = (
     "scene/corrected/hidden_edges.py",
     "scene/corrected/edge_on_face.py",
     "scene/corrected/side_by_side.py",
+    "scene/corrected/standing.py",
     "stepping/soft/tolerances.py",
     "stepping/soft/pressed_contacts.py",
     "solvers/friction/single_contact.py",

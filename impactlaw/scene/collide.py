@@ -10,9 +10,11 @@ import mujoco
 import numpy as np
 
 from impactlaw.errors import SceneError
+from impactlaw.scene.contacts import Contacts
+from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.scene.pairs import some_side_by_side
 
-_FULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL)
+_GEOM, _FULL = mujoco.mjtObj.mjOBJ_GEOM, int(mujoco.mjtWarning.mjWARN_CONTACTFULL)
 _PLANE, _CYLINDER, _CAPSULE, _BOX, *_PIECES = (
     int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("PLANE", "CYLINDER", "CAPSULE", "BOX", "MESH", "HFIELD")
 )
@@ -42,13 +44,21 @@ def corrected_geoms(model: mujoco.MjModel) -> CorrectedGeoms | None:
     return CorrectedGeoms(planes, cylinders, is_cylinder, lines > 0, tuple(lines.tolist()), on_faces, beside)
 
 
-def collide(model: mujoco.MjModel, data: mujoco.MjData, chosen: CorrectedGeoms | None, *, stands: bool) -> None:
+def collide(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    chosen: CorrectedGeoms | None,
+    *,
+    stands: bool,
+    surfaces: Surfaces | None = None,
+) -> None:
     """Run MuJoCo's collision detection at the current frames (`update_positions`); replaces data.contact.
 
-    With the result of `present`, the contacts of cylinders on planes, boxes, meshes and each other are corrected.
+    With the result of `present`, the contacts of cylinders on planes, boxes, meshes and each other are corrected;
+    ``surfaces`` are those that move by themselves.
     """
     if stands and chosen is not None:
-        _find_standing(model, data, chosen)
+        _find_standing(model, data, chosen, surfaces)
     else:
         _find_contacts(model, data)
     if chosen is None or data.ncon == 0 or not (chosen.on_faces or chosen.beside):
@@ -69,8 +79,9 @@ def _compiled() -> SimpleNamespace:
     from impactlaw.compiled import for_python
     from impactlaw.scene.corrected.rounding import align, measure_standing, meet_axes
     from impactlaw.scene.corrected.side_by_side import END, find_ends
+    from impactlaw.scene.corrected.standing import turn_standing
 
-    parts = {part.__name__: for_python(part) for part in (measure_standing, meet_axes, find_ends)}
+    parts = {part.__name__: for_python(part) for part in (measure_standing, turn_standing, meet_axes, find_ends)}
     return SimpleNamespace(align=align, END=END, **parts)
 
 
@@ -88,17 +99,38 @@ def _shapes(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarray, ...
     return model.geom_type, model.geom_size, data.geom_xpos, data.geom_xmat
 
 
-def _find_standing(model: mujoco.MjModel, data: mujoco.MjData, chosen: CorrectedGeoms) -> None:
-    """Find contacts, those of cylinders that stand on planes with the right distances."""
+def _find_standing(
+    model: mujoco.MjModel, data: mujoco.MjData, chosen: CorrectedGeoms, surfaces: Surfaces | None
+) -> None:
+    """Find contacts, those of cylinders that stand on planes in the right places, with the right distances."""
     code, frames = _compiled(), data.geom_xmat.copy()
-    try:
-        code.align(chosen.planes, chosen.cylinders, data.geom_xmat)  # so that MuJoCo finds contacts of upright ones
+    try:  # so that MuJoCo finds contacts of upright ones
+        standing = code.align(chosen.planes, chosen.cylinders, model.geom_size, data.geom_xmat)
         _find_contacts(model, data)
     finally:
         data.geom_xmat[:] = frames
-    if data.ncon:
-        found = data.contact
-        code.measure_standing(*_shapes(model, data), found.geom, found.dist, found.pos, found.frame)
+    if data.ncon == 0:
+        return
+    (kind, size, place, turn), found = _shapes(model, data), data.contact
+    geom, pos = found.geom, found.pos
+    for k, pair in enumerate(standing):
+        if k == 0:
+            mujoco.mj_comVel(model, data)
+        motion = _motion(model, data, pair, surfaces)
+        code.turn_standing(pair, size, place, turn, geom, pos, motion, model.opt.gravity)
+    code.measure_standing(kind, size, place, turn, geom, found.dist, pos, found.frame)
+
+
+def _motion(model: mujoco.MjModel, data: mujoco.MjData, pair: np.ndarray, surfaces: Surfaces | None) -> np.ndarray:
+    """Return angular velocity and velocity of a cylinder, rad/s and m/s, (6,), relative to a plane; cvel is current."""
+    plane, own = pair.tolist()
+    moves = np.empty(6)
+    mujoco.mj_objectVelocity(model, data, _GEOM, own, moves, 0)
+    if surfaces is not None and (surfaces.move or surfaces.run):
+        place, normal = data.geom_xpos[own], data.geom_xmat[plane].reshape(3, 3)[:, 2]
+        motion = surfaces.motion(data, Contacts((), pair[None], np.zeros(1), place[None], normal[None]))
+        moves += np.append(motion.spin + motion.belt_spin, motion.velocity + motion.belt)
+    return moves
 
 
 def _add(model: mujoco.MjModel, data: mujoco.MjData, ends: np.ndarray) -> None:

@@ -19,6 +19,7 @@ from impactlaw.scene.contacts import (
 )
 from impactlaw.scene.equality_constraints import bilateral_constraints, bilateral_rows, stiffness
 from impactlaw.scene.joint_limits import LimitRows, Limits
+from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.scene.options import BorrowedOptions
 from impactlaw.scene.pairs import several_contacts
 from impactlaw.scene.patterns import Pattern, Patterns
@@ -68,8 +69,16 @@ class Detector:
         options: a context to be entered (``with``) around every use of `find`.
     """
 
-    def __init__(self, model: mujoco.MjModel, *, convex: bool = True, faces: bool = True, friction: bool = False):
-        self._model = model
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        *,
+        convex: bool = True,
+        faces: bool = True,
+        friction: bool = False,
+        surfaces: Surfaces | None = None,
+    ):
+        self._model, self._surfaces = model, surfaces
         self.names = geom_names(model)
         self.limits = Limits(model)
         self._bilateral = bilateral_constraints(model)
@@ -180,7 +189,7 @@ class Detector:
 
     def _collide(self, data: mujoco.MjData, within: float, *, several: bool = False) -> None:
         self.options.look(within + SKIN, several=several)
-        collide(self._model, data, self.options.corrected, stands=self.options.stands)
+        collide(self._model, data, self.options.corrected, stands=self.options.stands, surfaces=self._surfaces)
 
     def _read(self, data: mujoco.MjData) -> tuple[Pattern, Contacts]:
         found = data.contact

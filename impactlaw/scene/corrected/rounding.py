@@ -20,7 +20,16 @@ import mujoco
 import numpy as np
 
 from impactlaw.compiled import compiled
-from impactlaw.scene.tolerances import MISSES_AXIS, ORTHOGONAL, PARALLEL, ROUNDED, SAME_NORMAL, STANDS, UPRIGHT
+from impactlaw.scene.tolerances import (
+    GAP_TOLERANCE,
+    MISSES_AXIS,
+    ORTHOGONAL,
+    PARALLEL,
+    ROUNDED,
+    SAME_NORMAL,
+    STANDS,
+    UPRIGHT,
+)
 from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.solvers.cones.algebra.vectors import across, axis_of, cross, dot, minus, plus, row, times, unit, write
 
@@ -165,10 +174,18 @@ def upright(turn, plane, own, least):
 
 
 @compiled()
-def align(planes, cylinders, turn):
-    """Turn the axes of cylinders into the normal of a plane if the angle between them is no more than rounding."""
+def align(planes, cylinders, size, turn):
+    """Turn the axes of cylinders into the normal of a plane if the angle between them is no more than rounding.
+
+    Return the planes and cylinders, (k, 2), that touch with the whole rim, if at all.
+    """
+    standing, count = np.empty((len(planes) * len(cylinders), 2), np.int32), 0
     for plane in planes:
         for own in cylinders:
-            sign = upright(turn, plane, own, UPRIGHT)
+            if upright(turn, plane, own, 0.5 * GAP_TOLERANCE / size[own, 0]) == 0.0:
+                continue
+            standing[count, 0], standing[count, 1] = plane, own
+            count, sign = count + 1, upright(turn, plane, own, UPRIGHT)
             for i in range(3 if sign != 0.0 else 0):
                 turn[own, 3 * i + 2] = sign * turn[plane, 3 * i + 2]
+    return standing[:count]

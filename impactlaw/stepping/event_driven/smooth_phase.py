@@ -52,10 +52,11 @@ class SmoothPhases:
         self._model = model
         self.tolerance = gap_tolerance
         self._near = _NEAR * gap_tolerance
-        self._detector = Detector(model, convex=plan.convex, faces=plan.faces, friction=plan.friction)
+        self.surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces else None
+        what = {"convex": plan.convex, "faces": plan.faces, "friction": plan.friction, "surfaces": self.surfaces}
+        self._detector = Detector(model, **what)
         self._exact = exact
         self.work = work
-        self.surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces else None
         self._travel = Travel(model, plan.pairs, self.surfaces, passing=plan.passing, turning=plan.turning)
         self._passing, self.pairs = plan.passing, len(plan.pairs.geoms)
         self.farthest = self._travel.farthest
