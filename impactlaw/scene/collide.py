@@ -111,14 +111,26 @@ def _find_standing(
         data.geom_xmat[:] = frames
     if data.ncon == 0:
         return
-    (kind, size, place, turn), found = _shapes(model, data), data.contact
-    geom, pos = found.geom, found.pos
-    for k, pair in enumerate(standing):
-        if k == 0:
-            mujoco.mj_comVel(model, data)
-        motion = _motion(model, data, pair, surfaces)
-        code.turn_standing(pair, size, place, turn, geom, pos, motion, model.opt.gravity)
-    code.measure_standing(kind, size, place, turn, geom, found.dist, pos, found.frame)
+    if len(standing):
+        _find_corners(model, data, standing, surfaces)
+    found = data.contact
+    code.measure_standing(*_shapes(model, data), found.geom, found.dist, found.pos, found.frame)
+
+
+def _find_corners(model: mujoco.MjModel, data: mujoco.MjData, standing: np.ndarray, surfaces: Surfaces | None) -> None:
+    """Give cylinders that stand on planes, (k, 2), four contacts; see `corrected.standing`."""
+    mujoco.mj_comVel(model, data)
+    _, size, place, turn = _shapes(model, data)
+    for pair in standing:
+        found, motion = data.contact, _motion(model, data, pair, surfaces)
+        points = found.pos
+        first = _compiled().turn_standing(pair, size, place, turn, found.geom, points, motion, model.opt.gravity)
+        if first < 0:
+            continue
+        opposite = points[first + 1] + points[first + 2] - points[first]
+        if mujoco.mj_addContact(model, data, found[first]):
+            raise _no_room(data)
+        data.contact[data.ncon - 1].pos = opposite
 
 
 def _motion(model: mujoco.MjModel, data: mujoco.MjData, pair: np.ndarray, surfaces: Surfaces | None) -> np.ndarray:

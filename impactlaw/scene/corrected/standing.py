@@ -1,14 +1,13 @@
-"""Contact points of cylinders that stand on planes, turned about the axis to where the cylinders tip.
+"""Contact points of cylinders that stand on planes, moved along the rim to where the cylinders tip.
 
 MuJoCo's points are the lowest one of the rim, and two more such that the three are corners of a triangle. Where the
 whole rim is closed, the lowest point consists of rounding errors. The three points hold a cylinder up to its rim only
-in the direction of the first: with any other triangle, one that can stand would roll over the edge of the triangle. The
-triangle is therefore turned until its first corner is where velocity and gravity tip the cylinder.
+in the direction of the first: with any other triangle, one that can stand would roll over the edge of the triangle. A
+square takes its place, with one corner where velocity and gravity tip the cylinder. The opposite corner is the point on
+which one that rocks has stood until then; without it, other points would be hit too soon, and too little energy lost.
 """
 
 from __future__ import annotations
-
-import numpy as np
 
 from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.solvers.cones.algebra.vectors import across, axis_of, cross, dot, minus, plus, row, times, unit, write
@@ -34,7 +33,9 @@ def _tip(normal, size, motion, gravity):
 
 @plain
 def turn_standing(pair, size, place, turn, geom, pos, motion, gravity):
-    """Turn the contact points of a cylinder that stands on a plane.
+    """Move the three contact points of a cylinder that stands on a plane to three corners of that square.
+
+    Return the index of the first; -1 if there are not three.
 
     Args:
         pair: the plane and the cylinder.
@@ -42,19 +43,22 @@ def turn_standing(pair, size, place, turn, geom, pos, motion, gravity):
         place: their positions, m, (ngeom, 3).
         turn: their rotation matrices, (ngeom, 9).
         geom: geoms of contacts, the plane first, (ncon, 2).
-        pos: contact points, m, (ncon, 3); written.
+        pos: contact points, m, (ncon, 3); written: where the cylinder tips, and both points a quarter turn from there.
         motion: angular velocity of the cylinder and velocity of its center, relative to the plane, rad/s and m/s, (6,).
         gravity: m/s^2, (3,).
     """
-    normal, center, known = axis_of(turn, pair[0], 2), row(place, pair[1]), False
-    to, cosine, sine = _tip(normal, size[pair[1]], motion, gravity), 1.0, 0.0
+    first, count = -1, 0
     for k in range(len(pos)):
-        if geom[k, 0] != pair[0] or geom[k, 1] != pair[1]:
-            continue
-        out = across(minus(row(pos, k), center), normal)
-        aside = cross(normal, out)
-        if not known:
-            known, scale = True, 1.0 / np.sqrt(dot(out, out))
-            cosine, sine = scale * dot(to, out), scale * dot(to, aside)
-        if cosine != 0.0 or sine != 0.0:
-            write(plus(plus(row(pos, k), cosine - 1.0, out), sine, aside), pos[k])
+        if geom[k, 0] == pair[0] and geom[k, 1] == pair[1]:
+            first, count = k if count == 0 else first, count + 1
+    if count != 3:
+        return -1
+    normal, center, radius = axis_of(turn, pair[0], 2), row(place, pair[1]), size[pair[1], 0]
+    arm, to = minus(row(pos, first), center), _tip(normal, size[pair[1]], motion, gravity)
+    if dot(to, to) == 0.0:
+        to = unit(across(arm, normal))
+    foot, aside = plus(center, dot(arm, normal), normal), cross(normal, to)
+    write(plus(foot, radius, to), pos[first])
+    write(plus(foot, radius, aside), pos[first + 1])
+    write(plus(foot, -radius, aside), pos[first + 2])
+    return first
