@@ -70,6 +70,7 @@ _ALSO = (
     "scene/corrected/rounding.py",
     "scene/corrected/hidden_edges.py",
     "scene/corrected/edge_on_face.py",
+    "scene/corrected/face_on_face.py",
     "scene/corrected/side_by_side.py",
     "scene/corrected/standing.py",
     "stepping/soft/tolerances.py",

@@ -68,9 +68,12 @@ def collide(
         _compiled().meet_axes(*_shapes(model, data), geoms, data.contact.pos, data.contact.frame)
     if chosen.beside and _some_on_lines(chosen.lines, geoms):
         code, found = _compiled(), data.contact
-        first = np.empty((data.ncon + 1, code.END))
-        code.find_ends(_shapes(model, data), geoms, found.includemargin, found.dist, found.pos, found.frame, first)
-        _add(model, data, first)
+        most = code.room(data.ncon)
+        owner, added = np.empty(most, np.int64), np.empty((most, code.END))
+        _, many = code.find_ends(
+            _shapes(model, data), geoms, found.includemargin, found.dist, found.pos, found.frame, owner, added
+        )
+        _add(model, data, owner[:many], added)
 
 
 @cache
@@ -78,11 +81,11 @@ def _compiled() -> SimpleNamespace:
     """Return the compiled code that corrects contacts, which reading other scenes should not load."""
     from impactlaw.compiled import for_python
     from impactlaw.scene.corrected.rounding import align, measure_standing, meet_axes
-    from impactlaw.scene.corrected.side_by_side import END, find_ends
+    from impactlaw.scene.corrected.side_by_side import END, find_ends, room
     from impactlaw.scene.corrected.standing import turn_standing
 
     parts = {part.__name__: for_python(part) for part in (measure_standing, turn_standing, meet_axes, find_ends)}
-    return SimpleNamespace(align=align, END=END, **parts)
+    return SimpleNamespace(align=align, END=END, room=room.py_func, **parts)
 
 
 def _some_on_lines(lines: tuple[int, ...], geoms: np.ndarray) -> bool:
@@ -145,13 +148,13 @@ def _motion(model: mujoco.MjModel, data: mujoco.MjData, pair: np.ndarray, surfac
     return moves
 
 
-def _add(model: mujoco.MjModel, data: mujoco.MjData, ends: np.ndarray) -> None:
-    """Add contacts at further ends of lines; see `side_by_side.find_ends`."""
-    for k in np.flatnonzero(np.isfinite(ends[:-1, 0])):
+def _add(model: mujoco.MjModel, data: mujoco.MjData, owner: np.ndarray, places: np.ndarray) -> None:
+    """Add copies of contacts at other places; see `side_by_side.find_ends`."""
+    for k, place in zip(owner.tolist(), places, strict=False):
         if mujoco.mj_addContact(model, data, data.contact[k]):
             raise _no_room(data)
         added = data.contact[data.ncon - 1]
-        added.dist, added.pos, added.frame = ends[k, 0], ends[k, 1:4], ends[k, 4:]
+        added.dist, added.pos, added.frame = place[0], place[1:4], place[4:]
 
 
 def present(model: mujoco.MjModel, geoms: CorrectedGeoms) -> tuple[CorrectedGeoms | None, bool]:

@@ -13,6 +13,7 @@ from impactlaw.scene.tolerances import PARALLEL, SIDE_BY_SIDE
 from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.solvers.cones.algebra.vectors import across, axis_of, cross, dot, minus, plus, row, times, unit, write
 
+FLAT = 1.0 - 5e-7  # cosine of the angle, 1e-3, up to which faces lie on each other, see `face_on_face`
 _SHORT = 1e-3  # length of the line, relative to that of the edge, up to which it is a point
 _NEARER = 1e-6  # m: by which the other end can be nearer than MuJoCo's contact, because of rounding
 END = 13
@@ -29,7 +30,7 @@ def write_place(point, normal, tangent, end):
 
 
 @plain
-def _face(turn, box, normal):
+def face_along(turn, box, normal):
     """Return the axis of a box that is most parallel to a normal, and the cosine of their angle."""
     most, cosine = 0, dot(axis_of(turn, box, 0), normal)
     for i in range(1, 3):
@@ -93,12 +94,15 @@ def other_end(shapes, geom, dist, pos, frame, end):
         end: gap, point and frame of the other contact, (END,), written.
 
     Returns:
-        0.0 if there is no such line, else 1.0 or -1.0: whether the other end is on the positive side of the edge.
+        0.0 if there is no such line, or faces lie on each other, else 1.0 or -1.0: whether the other end is on the
+        positive side of the edge.
     """
     _, size, place, turn = shapes
     top, base, toward = geom[0], geom[1], 1.0
-    face, cosine = _face(turn, base, frame)
-    own, upon = _face(turn, top, frame)
+    face, cosine = face_along(turn, base, frame)
+    own, upon = face_along(turn, top, frame)
+    if min(abs(cosine), abs(upon)) >= FLAT:
+        return 0.0
     if abs(upon) > abs(cosine):
         top, base, toward, face, cosine = base, top, -1.0, own, upon
     edge = _edge(turn, top, frame)

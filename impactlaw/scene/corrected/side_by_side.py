@@ -19,6 +19,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.scene.corrected.edge_on_face import END, other_end, write_place
+from impactlaw.scene.corrected.face_on_face import CORNERS, corners_of_faces
 from impactlaw.scene.tolerances import CROSSED, CROSSES, SHORT_LINE, SIDE_BY_SIDE, SUNK_IN, THIN_LINE
 from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain, put
 from impactlaw.solvers.cones.algebra.vectors import across, axis_of, dot, minus, plus, row, times, unit
@@ -251,44 +252,57 @@ def _is_again(geom, k):
 
 
 @plain
-def find_ends(shapes, geom, reach, dist, pos, frame, first):
-    """Put contacts of geoms that touch along a line at its second end; return whether any moves.
+def room(ncon):
+    """Return how many contacts `find_ends` has room for: each may be one of `CORNERS`."""
+    return (CORNERS - 1) * ncon + 1
 
-    For boxes see `edge_on_face`. Capsules that are exactly parallel have both ends in MuJoCo. Where a side touches an
-    edge of a box, MuJoCo may have found several contacts, which are put at both ends in turn.
+
+@kernel
+def find_ends(shapes, geom, reach, dist, pos, frame, owner, added):
+    """Put contacts of geoms that touch along a line, or with faces of boxes, at one end or corner, and list the others.
+
+    For boxes see `edge_on_face` and `face_on_face`. Capsules that are exactly parallel have both ends in MuJoCo. Where
+    a side touches an edge of a box, MuJoCo may have found several contacts, which are put at both ends in turn.
 
     Args:
         shapes: MuJoCo's geom_type, geom_size, geom_xpos and geom_xmat.
         geom: geoms of contacts, (ncon, 2).
         reach: MuJoCo's includemargin, the gaps from which contacts do not count, m, (ncon,).
-        dist: gaps, m, (ncon,); written, like the next three.
+        dist: gaps, m, (ncon,); written, like the next four.
         pos: contact points, m, (ncon, 3).
         frame: frames with normals first, (ncon, 9).
-        first: contacts to be added at first ends, (ncon + 1, END), and their number in the last row; NaN for others.
-            If the line is a point, or only one end is within reach, the contact is put there, and none is added.
+        owner: contacts of which copies are to be added, in ascending order, int64 (room(ncon),).
+        added: gap, point and frame of each copy, (room(ncon), END). If a line is a point, or only one end is within
+            reach, the contact is put there, and none is added.
+
+    Returns:
+        Whether any contact has moved, and the number of contacts to be added.
     """
-    some, many, kind, turn = False, 0, shapes[0], 0
+    some, many, kind, turn, corners = False, 0, shapes[0], 0, numbers(6 * CORNERS).reshape((2, CORNERS, 3))
     for k in range(len(dist)):
-        one, other, second = geom[k, 0], geom[k, 1], first[len(dist)]
+        one, other, first, second = geom[k, 0], geom[k, 1], added[many], added[many + 1]
         turn = turn + 1 if _is_again(geom, k) else 0
         several = turn > 0 or _is_again(geom, k + 1)
         both = several and one >= 0 and other >= 0 and kind[one] == CAPSULE and kind[other] == CAPSULE
-        ends = 0
+        ends = more = 0
         if _can_lie(kind, one, other) and not both:
-            ends = _write_ends(shapes, one, other, not several, first[k], second)
+            ends = _write_ends(shapes, one, other, not several, first, second)
         elif _are_boxes(kind, one, other) and not several:
-            ends = _write_both(shapes, geom[k], (dist[k], pos[k], frame[k]), first[k], second)
-        if ends == 0:
-            first[k, 0] = np.nan
+            more = corners_of_faces(shapes, geom[k], frame[k], reach[k], corners, added[many:]) - 1
+            ends = 0 if more > 0 else _write_both(shapes, geom[k], (dist[k], pos[k], frame[k]), first, second)
+        if ends == 0 and more < 1:
             continue
-        some, chosen, two = True, second, ends == 2 and max(first[k, 0], second[0]) < reach[k]
-        if (several and turn % 2 == 0) if two else first[k, 0] < second[0]:
-            chosen = first[k]
+        some, chosen = True, second
+        if ends > 0:
+            two = ends == 2 and max(first[0], second[0]) < reach[k]
+            more = 1 if two and not several else 0
+            if (several and turn % 2 == 0) if two else first[0] < second[0]:
+                chosen = first
+        else:
+            chosen = added[many + more]
         dist[k] = chosen[0]
         put(pos[k], chosen[1:4])
         put(frame[k], chosen[4:])
-        many += two and not several
-        if several or not two:
-            first[k, 0] = np.nan
-    first[len(dist), 0] = many
-    return some
+        owner[many : many + more] = k
+        many += more
+    return some, many

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.linked import linked
-from impactlaw.scene.corrected.side_by_side import END, find_ends, some_can_lie
+from impactlaw.scene.corrected.side_by_side import END, find_ends, room, some_can_lie
 from impactlaw.scene.tolerances import APART, PARALLEL
 from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain
 from impactlaw.solvers.cones.algebra.vectors import across, cross, dot, minus, plus, row, unit, write
@@ -127,46 +127,48 @@ def _add_nearest(w):
 
 
 @plain
-def _insert(dist, pos, frame, stride, first, many):
-    """Insert contacts at first ends of lines before those at second ends.
+def _insert(dist, pos, frame, owner, added, room):
+    """Insert copies of contacts before these; where there is only room for some, the last ones.
 
-    Contacts are moved as a whole, from the last one on: room for ``many`` more follows them. For the other arguments
-    see `side_by_side.find_ends`; ``stride`` is the size of a contact, bytes.
+    Contacts are moved as a whole, from the last one on. For the other arguments see `side_by_side.find_ends`.
     """
-    begin, to = address_of(dist), len(dist) + many - 1
+    begin, stride, a, to = address_of(dist), dist.strides[0], len(owner) - 1, len(dist) + room - 1
     whole, at = ints(begin, (to + 1, stride // 4)), ((address_of(pos) - begin) // 8, (address_of(frame) - begin) // 8)
     parts = floats(begin, (to + 1, stride // 8))
     for k in range(len(dist) - 1, -1, -1):
         if to == k:
             break
-        for copy in range(1 if np.isnan(first[k, 0]) else 2):
+        copies = 0
+        while copies <= a and owner[a - copies] == k:
+            copies += 1
+        for copy in range(min(copies, to - k) + 1):
             for i in range(stride // 4):
                 whole[to, i] = whole[k, i]
-            if copy == 1:
-                parts[to, 0] = first[k, 0]
+            if copy > 0:
+                parts[to, 0] = added[a, 0]
                 for i in range(3):
-                    parts[to, at[0] + i] = first[k, 1 + i]
+                    parts[to, at[0] + i] = added[a, 1 + i]
                 for i in range(9):
-                    parts[to, at[1] + i] = first[k, 4 + i]
+                    parts[to, at[1] + i] = added[a, 4 + i]
+                a -= 1
             to -= 1
 
 
 @kernel
 def _add_ends(w):
-    """Give geoms that touch along a line a contact at each end of it; return whether anything was changed.
+    """Give geoms that touch along a line or with faces a contact at each end or corner; return whether any was changed.
 
-    The list of contacts is longer afterwards. Where MuJoCo has no room, which it counts, lines keep one contact.
+    The list of contacts is longer afterwards. Where MuJoCo has no room, which it counts, some keep one contact.
     """
     (dist, pos, frame, geom), shapes = contacts_of(w), shapes_of(w)
     if not some_can_lie(shapes[0], geom):
         return False
-    reach, added = contact_floats(w, CONTACT.includemargin, 1)[:, 0], 0
-    first = numbers(END * (len(reach) + 1)).reshape((len(reach) + 1, END))
-    some = find_ends(shapes, geom, reach, dist, pos, frame, first)
-    many = int(first[len(reach), 0])
-    while added < many and mj.add_contact(w.model, w.data, address_of(dist)) == 0:
-        added += 1
-    _insert(dist, pos, frame, dist.strides[0], first, added)
+    reach, most, space = contact_floats(w, CONTACT.includemargin, 1)[:, 0], room(len(geom)), 0
+    owner, added = np.empty(most, np.int64), numbers(END * most).reshape((most, END))
+    some, many = find_ends(shapes, geom, reach, dist, pos, frame, owner, added)
+    while space < many and mj.add_contact(w.model, w.data, address_of(dist)) == 0:
+        space += 1
+    _insert(dist, pos, frame, owner[:many], added, space)
     return some
 
 
