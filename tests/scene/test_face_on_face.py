@@ -40,20 +40,22 @@ def test_tilted_faces_have_the_corners_of_level_ones(tilt):
         np.testing.assert_allclose(tilted.gap, gaps, rtol=0.0, atol=1e-14 + 0.2 * tilt**2)
 
 
-@pytest.mark.parametrize("way", ["event-driven", "time-stepping"])
+@pytest.mark.parametrize(("way", "meter"), [("event-driven", 1), ("time-stepping", 1), ("time-stepping", 100)])
 @pytest.mark.parametrize("e", [0.0, 0.5])
 @pytest.mark.filterwarnings("ignore::impactlaw.errors.ManyCollisionsWarning")
-def test_piles_of_turned_boxes_come_to_rest(way, e):
+def test_piles_of_turned_boxes_come_to_rest(way, meter, e):
+    """In meters and in centimeters."""
     random = np.random.default_rng(7)
     for _ in range(2):
         height, bodies = 0.0, ""
-        for size in random.uniform(0.04, 0.08, (4, 3)):
-            x, y, height = *random.uniform(-0.01, 0.01, 2), height + size[2] + 0.004
+        for size in meter * random.uniform(0.04, 0.08, (4, 3)):
+            x, y, height = *(meter * random.uniform(-0.01, 0.01, 2)), height + size[2] + meter * 0.004
             bodies += f'<body pos="{x} {y} {height}" euler="0 0 {random.uniform(0, 90)}"><freejoint/>'
             bodies += '<geom type="box" size="{} {} {}" mass="1"/></body>'.format(*size)
             height += size[2]
         model = mujoco.MjModel.from_xml_string(
-            f'<mujoco><worldbody><geom type="plane" size="1 1 1"/>{bodies}</worldbody></mujoco>'
+            f"""<mujoco><option gravity="0 0 {-9.81 * meter}"/><worldbody><geom type="plane" size="1 1 1"/>{bodies}
+            </worldbody></mujoco>"""
         )
         data, stepper, collisions = mujoco.MjData(model), Stepper(model, Moreau(e), scheme=way), []
         for _ in range(500):
