@@ -141,7 +141,7 @@ def _constrain(
     if touched:
         if setting(w, SETTING.sums) != 0.0:
             put(memory[MEMORY.sums : MEMORY.sums + SUMS], floats(room.sums, SUMS))
-        write_turns(rows.groups, rows.rates, answer.x, answer.reached, answer.sliding)
+        write_turns(rows, answer.x, answer.reached, answer.sliding, answer.z)
         remember(counts, rows, answer.x)
     else:
         forget(counts)

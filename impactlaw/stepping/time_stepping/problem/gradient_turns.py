@@ -13,6 +13,7 @@ import numpy as np
 from impactlaw.solvers.cones import CONE
 from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.stepping.time_stepping.problem.rows import find_group
+from impactlaw.stepping.time_stepping.tolerances import SHORTFALL_LIMIT, SLOWEST
 
 SMOOTH = 0.25
 """Largest change of the turn d from step to step, relative to d, at which a contact counts as persistent."""
@@ -37,22 +38,42 @@ def write_recalled(rows, known):
 
 
 @plain
-def write_turns(groups, rates, x, reached, sliding):
+def _slips(rows, g, sliding, z):
+    """Return whether a contact ends the step with other tangential velocities than those aimed at."""
+    slip, size, row = 0.0, 0.0, rows.groups[0, g]
+    for k in range(row + 1, row + rows.groups[1, g]):
+        along, scale = 0.0, rows.rates[0, k]
+        for a in range(rows.sparse[1, k], rows.sparse[1, k] + rows.sparse[0, k]):
+            along += rows.value[a] * z[rows.colind[a]]
+        size += rows.rates[1, k] ** 2
+        slip += (rows.rates[2, k] + along / scale - sliding[k]) ** 2 if scale > 0.0 else np.inf
+    return slip > SHORTFALL_LIMIT**2 * max(SLOWEST**2, size)
+
+
+@plain
+def write_turns(rows, x, reached, sliding, z):
     """Write the velocities t at which impulses hold rows at the end of a step, and the turns d before it.
 
+    A contact also sticks if impulses elsewhere hold it, as an unloaded corner of a box, or if its friction is used up
+    only by that of other points of the body.
+
     Args:
-        groups: see `rows.Rows`, like the next one.
-        rates: the last two rows are written: t and d, NaN where there are none.
+        rows: see `rows.Rows`; the last two of its rates are written: t and d, NaN where there are none.
         x: impulses, (n,).
         reached: targets of normal velocities, (g,); NaN where the step ends with another velocity.
         sliding: targets of sliding velocities, (n,).
+        z: whitened change of velocity, (nv,).
     """
+    groups, rates = rows.groups, rows.rates
     for g in range(len(reached)):
         row, end, friction = groups[0, g], groups[0, g] + groups[1, g], 0.0
-        acts = groups[2, g] == CONE and x[row] > 0.0 and not np.isnan(reached[g])
+        held = groups[2, g] == CONE and not np.isnan(reached[g])
+        acts = held and x[row] > 0.0
         for k in range(row + 1, end):
             friction += x[k] * x[k]
         sticks = acts and friction < (_STICKS * x[row]) ** 2
+        if held and not sticks and end > row + 1 and rows.amounts[0, g] <= 0.0:
+            sticks = not _slips(rows, g, sliding, z)
         for k in range(row, end):
             known = acts if k == row else sticks
             rates[6, k] = rates[1, k] - rates[5, k]

@@ -195,10 +195,17 @@ def test_what_sticks_aims_at_minus_half_of_its_turn(now, turned, aimed):
 
 
 def test_what_is_remembered_of_a_contact():
-    """For sticking contacts the whole target is stored; for sliding ones the normal velocity; for open ones NaN."""
-    groups = np.array([[0, 2, 4], [2, 2, 2], [CONE] * 3, [0, 1, 2]], np.int32)
-    x, rates = np.array([1.0, 0.5, 1.0, 1.0, 0.0, 0.0]), np.ones((7, 6))
-    rates[1], rates[5] = np.arange(6.0), 0.5
-    for_python(write_turns)(groups, rates, x, np.array([0.1, 0.2, 0.3]), np.array([0.0, 0.4, 0.0, 0.5, 0.0, 0.6]))
-    np.testing.assert_array_equal(rates[5], [0.1, 0.4, 0.2, np.nan, np.nan, np.nan])
-    np.testing.assert_array_equal(rates[6], np.arange(6.0) - 0.5)
+    """For sticking contacts the whole target is stored; for sliding ones the normal velocity; for open ones NaN.
+
+    The last one is not loaded, and is where others hold it.
+    """
+    first = np.arange(0, 8, 2)
+    groups = np.array([first, [2] * 4, [CONE] * 4, np.arange(4)], np.int32)
+    x, rates, aims = np.zeros(8), np.ones((7, 8)), np.zeros(8)
+    x[:4], aims[1::2] = [1.0, 0.5, 1.0, 1.0], [0.4, 0.5, 0.6, 1.0]
+    rates[1], rates[5] = np.arange(8.0), 0.5
+    sparse, gaps = np.zeros((3, 8), np.int32), np.array([[0.0, 0.0, 1e-3, 0.0], [0.0] * 4])
+    rows = Rows(sparse, np.zeros(0, np.int32), np.zeros(0), groups, np.arange(4), gaps, rates)
+    for_python(write_turns)(rows, x, np.array([0.1, 0.2, 0.3, 0.4]), aims, np.zeros(0))
+    np.testing.assert_array_equal(rates[5], [0.1, 0.4, 0.2, np.nan, np.nan, np.nan, np.nan, 1.0])
+    np.testing.assert_array_equal(rates[6], np.arange(8.0) - 0.5)
