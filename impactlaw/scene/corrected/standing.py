@@ -1,17 +1,24 @@
-"""Contact points of cylinders that stand on planes, moved along the rim to where the cylinders tip.
+"""Contact points of cylinders that stand or rock on planes.
 
-MuJoCo's points are the lowest one of the rim, and two more such that the three are corners of a triangle. Where the
-whole rim is closed, the lowest point consists of rounding errors. The three points hold a cylinder up to its rim only
-in the direction of the first: with any other triangle, one that can stand would roll over the edge of the triangle. A
-square takes its place, with one corner where velocity and gravity tip the cylinder. The opposite corner is the point on
-which one that rocks has stood until then; without it, other points would be hit too soon, and too little energy lost.
+MuJoCo's points are the lowest one of the rim, and two more such that the three are corners of a triangle. They lack the
+opposite one, on which a cylinder that rocks will land: others would be hit in its place, and too little energy lost.
+
+Where the whole rim is closed, the lowest point consists of rounding errors. The three points hold a cylinder up to its
+rim only in the direction of the first: with any other triangle, one that can stand would roll over the edge of the
+triangle. In event-driven steps a square takes its place, with one corner where velocity and gravity tip the cylinder.
+For time stepping see `stepping.time_stepping.compiled.detection.standing_cylinders`.
 """
 
 from __future__ import annotations
 
+import mujoco
+import numpy as np
+
+from impactlaw.scene.corrected.edge_on_face import write_place
 from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.solvers.cones.algebra.vectors import across, axis_of, cross, dot, minus, plus, row, times, unit, write
 
+_PLANE, _CYLINDER = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
 _SLOW = 1e-9  # m/s: speed up to which a velocity has no direction
 _WEAK = 1e-9  # m/s^2: gravity along the plane up to which it has no direction
 
@@ -62,3 +69,40 @@ def turn_standing(pair, size, place, turn, geom, pos, motion, gravity):
     write(plus(foot, radius, aside), pos[first + 1])
     write(plus(foot, -radius, aside), pos[first + 2])
     return first
+
+
+@plain
+def find_opposite(shapes, geom, reach, pos, frame, owner, added):
+    """List contacts to be added where cylinders that rock on planes will land: opposite to their lowest points.
+
+    Args:
+        shapes: MuJoCo's geom_type, geom_size, geom_xpos and geom_xmat.
+        geom: geoms of contacts, the plane first, (ncon, 2).
+        reach: gaps from which contacts do not count, m, (ncon,).
+        pos: contact points, m, (ncon, 3).
+        frame: frames with normals first, (ncon, 9).
+        owner: contacts of which copies are to be added, int64 (ncon,), written.
+        added: gap, point and frame of each copy, (ncon, END), written; see `edge_on_face.END`.
+
+    Returns:
+        The number of contacts to be added.
+    """
+    (kind, size, place, turn), many, first = shapes, 0, 0
+    for k in range(len(geom)):
+        plane, own = geom[k, 0], geom[k, 1]
+        if k > 0 and (geom[k - 1, 0] != plane or geom[k - 1, 1] != own):
+            first = k
+        last = k + 1 == len(geom) or geom[k + 1, 0] != plane or geom[k + 1, 1] != own
+        if not last or k - first < 2 or plane < 0 or own < 0 or kind[plane] != _PLANE or kind[own] != _CYLINDER:
+            continue
+        axis, normal, center = axis_of(turn, own, 2), row(frame, first), row(place, own)
+        arm = minus(row(pos, first), center)
+        out = across(arm, axis)
+        end = np.copysign(size[own, 1], dot(axis, arm))
+        point = plus(plus(center, end, axis), -size[own, 0] / np.sqrt(dot(out, out)), out)
+        gap = dot(minus(point, row(place, plane)), normal)
+        if gap < reach[k]:
+            owner[many], added[many, 0] = k, gap
+            write_place(plus(point, -0.5 * gap, normal), normal, (frame[k, 3], frame[k, 4], frame[k, 5]), added[many])
+            many += 1
+    return many

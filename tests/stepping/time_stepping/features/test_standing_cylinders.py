@@ -135,7 +135,7 @@ def test_a_coin_lies_still():
     data, stepper = mujoco.MjData(model), _stepper(model, 0.5)
     before = data.qpos.copy()
     _run(stepper, data, 2.0)
-    assert data.ncon == 4
+    assert data.ncon == 5
     assert np.abs(data.qpos - before).max() < 1e-9
 
 
@@ -203,3 +203,25 @@ def test_batches_are_steppers_bit_for_bit():
     for world in range(3):
         np.testing.assert_array_equal(batch.bind("qpos")[world], data.qpos)
         np.testing.assert_array_equal(batch.bind("qvel")[world], data.qvel)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7])
+def test_cans_rock_as_housners_block(turn):
+    """Angular momentum about the new lowest point is what it was; the law of time stepping is of first order."""
+    far, inertia, errors = RADIUS**2 + HALF**2, 0.25 * RADIUS**2 + HALF**2 / 3.0, []
+    expected = (inertia + far - 2.0 * RADIUS**2) / (inertia + far)
+    for timestep in (5e-4, 1e-4):
+        model = mujoco.MjModel.from_xml_string(f"""<mujoco><option timestep="{timestep}"/><worldbody>
+            <geom type="plane" size="1 1 1" friction="2"/><body><freejoint/>
+            <geom type="cylinder" size="{RADIUS} {HALF}" mass="1" friction="2"/></body></worldbody></mujoco>""")
+        data, tilt, speeds = mujoco.MjData(model), 0.2, []
+        data.qpos[2] = HALF * np.cos(tilt) + RADIUS * np.sin(tilt)
+        data.qpos[3:] = np.cos(tilt / 2), np.sin(tilt / 2) * np.cos(turn), np.sin(tilt / 2) * np.sin(turn), 0.0
+        stepper = _stepper(model, 0.0)
+        for _ in range(round(0.8 / timestep)):
+            stepper.step(data)
+            speeds.append(np.linalg.norm(data.qvel[3:]))
+        peaks = [b for a, b, c in zip(speeds, speeds[1:], speeds[2:], strict=False) if a < b >= c]
+        errors.append(abs(peaks[1] / peaks[0] - expected))
+    assert errors[0] < 0.02
+    assert errors[1] < 0.004

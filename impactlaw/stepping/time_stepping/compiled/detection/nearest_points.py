@@ -4,7 +4,8 @@ Of the corners that two faces share, MuJoCo keeps four which span a large area, 
 nearest point of two geoms may therefore be missing. It then replaces one of their contacts. So it does where MuJoCo
 takes faces for parallel that are not quite so: it gives an edge beside the common part of these faces the normal of one
 of them, which is wrong by up to 5 degrees. Cylinders and boxes that touch along a line get a contact at each of its
-ends, see `scene.corrected.side_by_side` and `edge_on_face`.
+ends, see `scene.corrected.side_by_side` and `edge_on_face`; boxes that lie on each other one at each corner, see
+`face_on_face`; and cylinders that rock on a plane one at the point on which they land, see `standing`.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 
 from impactlaw.linked import linked
 from impactlaw.scene.corrected.side_by_side import END, find_ends, room, some_can_lie
+from impactlaw.scene.corrected.standing import find_opposite
 from impactlaw.scene.tolerances import APART, PARALLEL
 from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain
 from impactlaw.solvers.cones.algebra.vectors import across, cross, dot, minus, plus, row, unit, write
@@ -155,28 +157,46 @@ def _insert(dist, pos, frame, owner, added, room):
 
 
 @kernel
+def _add(w, owner, added):
+    """Insert copies of contacts, see `_insert`. Where MuJoCo has no room, which it counts, some are missing."""
+    (dist, pos, frame, _), space = contacts_of(w), 0
+    while space < len(owner) and mj.add_contact(w.model, w.data, address_of(dist)) == 0:
+        space += 1
+    _insert(dist, pos, frame, owner, added, space)
+
+
+@kernel
 def _add_ends(w):
     """Give geoms that touch along a line or with faces a contact at each end or corner; return whether any was changed.
 
-    The list of contacts is longer afterwards. Where MuJoCo has no room, which it counts, some keep one contact.
+    The list of contacts is longer afterwards.
     """
     (dist, pos, frame, geom), shapes = contacts_of(w), shapes_of(w)
     if not some_can_lie(shapes[0], geom):
         return False
-    reach, most, space = contact_floats(w, CONTACT.includemargin, 1)[:, 0], room(len(geom)), 0
+    reach, most = contact_floats(w, CONTACT.includemargin, 1)[:, 0], room(len(geom))
     owner, added = np.empty(most, np.int64), numbers(END * most).reshape((most, END))
     some, many = find_ends(shapes, geom, reach, dist, pos, frame, owner, added)
-    while space < many and mj.add_contact(w.model, w.data, address_of(dist)) == 0:
-        space += 1
-    _insert(dist, pos, frame, owner[:many], added, space)
+    _add(w, owner[:many], added)
     return some
+
+
+@kernel
+def _add_opposite(w):
+    """Give cylinders on planes the contacts on which they will land; return whether there are any."""
+    (_, pos, frame, geom), reach = contacts_of(w), contact_floats(w, CONTACT.includemargin, 1)[:, 0]
+    owner, added = np.empty(len(geom), np.int64), numbers(END * len(geom)).reshape((len(geom), END))
+    many = find_opposite(shapes_of(w), geom, reach, pos, frame, owner, added)
+    _add(w, owner[:many], added)
+    return many > 0
 
 
 @linked(BOOLEAN(WORLD))
 def find_nearest(w):
-    """Add nearest points, and both ends where bodies can touch along a line; return whether anything was changed.
+    """Add points that MuJoCo's contacts lack, see above; return whether anything was changed.
 
     Rows of constraints must be made again if so.
     """
-    nearer = _add_nearest(w)
-    return (setting(w, SETTING.beside) != 0.0 and _add_ends(w)) or nearer
+    some = _add_nearest(w)
+    some = (setting(w, SETTING.stands) != 0.0 and _add_opposite(w)) or some
+    return (setting(w, SETTING.beside) != 0.0 and _add_ends(w)) or some
