@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import math
-import weakref
 from collections.abc import Callable
-from functools import partial
 from typing import Any, NamedTuple
 
 import mujoco
@@ -21,7 +19,6 @@ from impactlaw.stepping.time_stepping.compiled.state.hook import (
     BEGIN,
     CALL,
     CONTROL,
-    ERROR,
     HOOK,
     KEEP,
     LOST,
@@ -33,8 +30,6 @@ from impactlaw.stepping.time_stepping.problem.contact_snapshot import ContactSna
 from impactlaw.stepping.time_stepping.problem.rows import Rows
 from impactlaw.stepping.time_stepping.tolerances import LAW_WORK
 from impactlaw.stepping.work import Work
-
-_FUNCTION = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)
 
 
 class Posed(NamedTuple):
@@ -50,31 +45,30 @@ class Posed(NamedTuple):
 class Calls:
     """The calls of one world under a law.
 
+    Compiled code calls this object itself, and Python raises errors of the call where compiled code returns to it.
+
     Attributes:
         hook: see `compiled.state.hook.Hook`, int64.
         collisions: the collisions kept in the last step.
-        error: the error that a call has raised in the last step.
         watch: called with each problem of the steps, if ``hook`` says so.
     """
 
     def __init__(self, law: LawInScene):
         self._law, self._work = law, Work(law.model.nv, LAW_WORK, rounds=THOROUGH)
-        self._function = _FUNCTION(partial(_reply, weakref.ref(self)))
         self.hook = np.zeros(len(HOOK), np.int64)
-        self.hook[HOOK.function] = ctypes.cast(self._function, ctypes.c_void_p).value or 0
+        self.hook[HOOK.function] = id(self)
         self._data: mujoco.MjData | None = None
         self._seen: ContactSnapshot | None = None  # the contacts last shown to the law
         self._together = False  # whether the law couples these, even if they do not influence each other
         self.collisions: list[CollisionRecord] = []
-        self.error: BaseException | None = None
         self.watch: Callable[[Posed], object] | None = None
 
     def begin(self, data: mujoco.MjData) -> None:
         """Start a step, in which the law may take some work, see `tolerances.LAW_WORK`."""
-        self._data, self._seen, self._together, self.collisions, self.error = data, None, False, [], None
+        self._data, self._seen, self._together, self.collisions = data, None, False, []
         self._work.begin()
 
-    def answer(self, place: int) -> int:
+    def __call__(self, place: int) -> int:
         """Do what a call asks for, see `compiled.state.hook.Call`; return the reply."""
         data = self._data
         assert data is not None
@@ -195,14 +189,3 @@ class _Call:
             (CALL.rates, (7, n), np.float64),
         )  # fmt: skip
         return Rows(*(self._array(*each).copy() for each in given))
-
-
-def _reply(calls: weakref.ref[Calls], place: int) -> int:
-    """Return the reply to a call; errors must not pass through compiled code."""
-    mine = calls()
-    assert mine is not None
-    try:
-        return mine.answer(place)
-    except BaseException as error:
-        mine.error = error
-        return ERROR

@@ -41,7 +41,6 @@ from impactlaw.stepping.compiled.layout import empty_stack, structure_at
 from impactlaw.stepping.compiled.one_world import OneWorld
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.integration import STEP_STATE, check_input, check_timestep, empty_state, restore_state
-from impactlaw.stepping.time_stepping.callbacks import errors_of_callbacks
 from impactlaw.stepping.time_stepping.calls import Calls, Posed
 from impactlaw.stepping.time_stepping.compiled.entry import CONTEXT, single
 from impactlaw.stepping.time_stepping.compiled.model_copy import changed_in_place, room
@@ -54,7 +53,7 @@ from impactlaw.stepping.time_stepping.events import events_of
 from impactlaw.stepping.time_stepping.law_in_scene import LawInScene
 from impactlaw.stepping.time_stepping.repeated_steps import RepeatedStep, StepRepeater
 
-_COLLIDED, _SUMS = MEMORY.collided, SETTING.sums
+_COLLIDED, _SUMS, _STATUS = MEMORY.collided, SETTING.sums, CONTEXT.status
 _NO_ACTUATION = int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
 
 
@@ -166,19 +165,29 @@ class TimeStepping(OneWorld):
         if not self._inertial.act and self._inertial.look():
             self._settings[SETTING.inertial] = 1.0
         world: Any = data
-        entry, kept = self._entry or self._open(), self._keeps
+        entry, kept, fields, error = self._entry or self._open(), self._keeps, self._fields, None
         if kept:
             self._calls.begin(data)
-        while (how := entry.call(world._address)) != status.FINE:
-            if how == status.CALLBACK:
-                kept, how = True, self._with_callbacks(data)
-            if how == status.UNKNOWN:
-                self._coefficients.learn(self._fields[CONTEXT.asked])
-                self._write_context()
-            elif how != status.FINE:
-                raise self._error(how, data)
-            else:
-                break
+        try:
+            fields[_STATUS] = status.UNDER_WAY
+            while (how := entry.call(world._address)) != status.FINE:
+                if how == status.CALLBACK:
+                    kept, how = True, self._with_callbacks(data)
+                if how == status.UNKNOWN:
+                    self._coefficients.learn(fields[CONTEXT.asked])
+                    self._write_context()
+                elif how != status.FINE:
+                    raise self._error(how, data)
+                else:
+                    break
+                fields[_STATUS] = status.UNDER_WAY
+        except BaseException as raised:
+            error = self._undone(raised, data)
+        if error is not None:
+            try:
+                raise error
+            finally:
+                del error  # which refers to this frame
         if not self._told[_COLLIDED]:
             return ()
         if kept:
@@ -191,40 +200,51 @@ class TimeStepping(OneWorld):
     def _with_callbacks(self, data: Any) -> int:
         """Take a step through the user's model, and keep its collisions, since callbacks may not repeat what they do.
 
-        Return how it has ended. After an error of a callback, data and memory are as before.
+        Return how it has ended. An error of a callback is one of MuJoCo, which is raised as that of the callback. What
+        is restored at the end is restored without calls of Python code, in which an interrupt may arise.
         """
-        calls, fields = self._calls, self._fields
+        calls, fields, entry, settings = self._calls, self._fields, self._entry or self._open(), self._settings
+        hook, python = calls.hook, calls.hook.ctypes.data
         calls.begin(data)
-        given, asks = (fields[CONTEXT.structure], fields[CONTEXT.python]), self._settings[SETTING.asks]
-        fields[CONTEXT.structure], fields[CONTEXT.python] = self._model._address, calls.hook.ctypes.data
-        off = self._model.opt.disableflags & _NO_ACTUATION
-        calls.hook[HOOK.controls], calls.hook[HOOK.keeps] = mujoco.get_mjcb_control() is not None and not off, 1
-        if np.isnan(self._settings[[SETTING.restitution, SETTING.reversal]]).all():
-            self._settings[SETTING.asks] = asks or 1.0  # a table that lacks a contact would call callbacks again
+        given, asks = (fields[CONTEXT.structure], fields[CONTEXT.python]), settings[SETTING.asks]
+        controls = mujoco.get_mjcb_control() is not None and not self._model.opt.disableflags & _NO_ACTUATION
+        lacks = np.isnan(settings[[SETTING.restitution, SETTING.reversal]]).all()
+        restore_model = changed_in_place(self._model)
         try:
-            with errors_of_callbacks(), changed_in_place(self._model):
-                how = (self._entry or self._open()).call(data._address)
-            if how > 0:
-                mujoco.mj_fwdPosition(self._model, data)  # contacts are those of the user's margins again
-            return how
-        except BaseException:
-            empty_stack(data)
-            restore_state(self._model, data, self._state, STEP_STATE)
-            mujoco.mj_fwdPosition(self._model, data)
-            memory.restore(self.numbers, self._before.copy(), memory.raw(self._before))
-            raise
+            fields[CONTEXT.structure], fields[CONTEXT.python] = self._model._address, python
+            hook[HOOK.controls], hook[HOOK.keeps] = controls, 1
+            settings[SETTING.asks] = asks or float(lacks)  # a table that lacks a contact would call callbacks again
+            fields[_STATUS] = status.UNDER_WAY
+            how = entry.call(data._address)
         finally:
             fields[CONTEXT.structure], fields[CONTEXT.python] = given
-            calls.hook[HOOK.controls], calls.hook[HOOK.keeps] = 0, self._keeps
-            self._settings[SETTING.asks] = asks
+            hook[HOOK.controls], hook[HOOK.keeps] = 0, self._keeps
+            settings[SETTING.asks] = asks
+            restore_model()
+        if how > 0:
+            mujoco.mj_fwdPosition(self._model, data)  # contacts are those of the user's margins again
+        return how
+
+    def _undone(self, raised: BaseException, data: mujoco.MjData) -> BaseException:
+        """Undo what a step has done before an error, unless it is finished; return the error as it was raised."""
+        how = self._fields[_STATUS]
+        if how == status.UNKNOWN:
+            self._write_context()  # the table may have new addresses
+        if how not in (status.UNDER_WAY, status.RAISED):
+            return raised
+        if how == status.UNDER_WAY:
+            empty_stack(data)
+            restore_state(self._model, data, self._state, STEP_STATE)
+            memory.restore(self.numbers, self._before.copy(), memory.raw(self._before))
+        if not isinstance(raised, mujoco.FatalError):
+            mujoco.mj_fwdPosition(self._model, data)
+        cause = raised.__cause__ if isinstance(raised, SystemError) else None  # Python's way to tell of an error in C
+        return raised if cause is None else cause
 
     def _error(self, how: int, data: mujoco.MjData) -> BaseException:
         """Return the error of a step that has ended like this."""
         if how < 0:
             self._fail(data, self._state, (self._entry or self._open()).message)
-        error, self._calls.error = self._calls.error, None
-        if error is not None:
-            return error
         if how == status.TIMESTEP:
             check_timestep(self._model.opt.timestep)
         if how == status.OVERRIDDEN:

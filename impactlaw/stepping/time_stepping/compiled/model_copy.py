@@ -9,8 +9,9 @@ implicit integrators become implicitfast, whose mass matrix is symmetric.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from functools import partial
+from itertools import repeat
 from typing import Any
 
 import mujoco
@@ -61,18 +62,15 @@ _OPTIONS = (
 )  # fmt: skip
 
 
-@contextmanager
-def changed_in_place(model: Any) -> Iterator[None]:
-    """Let `copy_model` write into the user's own model, and restore what it writes at the end."""
+def changed_in_place(model: Any) -> Callable[[], object]:
+    """Return what restores the user's own model after `copy_model` has written into it.
+
+    It does so within C code, since Python code might be interrupted.
+    """
     kinds: Any = (ctypes.c_void_p, _ARRAYS), (ctypes.c_int, _OPTIONS)
     table = layout.table()
     places = [kind.from_address(model._address + int(table[field])) for kind, fields in kinds for field in fields]
-    kept = [place.value for place in places]
-    try:
-        yield
-    finally:
-        for place, value in zip(places, kept, strict=True):
-            place.value = value
+    return partial(list, map(setattr, places, repeat("value"), [place.value for place in places]))
 
 
 @plain

@@ -273,6 +273,7 @@ def advance(
     status = _step(w, LawTable(keys, values, asked), memory, margins, cone, loaded)
     if status != FINE:
         mj.set_state(user, data, address_of(state), STEP_STATE)
-        mj.fwd_position(user, data)
+        if status != RAISED:  # a filter of contacts in Python must not be called after an error
+            mj.fwd_position(user, data)
     keep(sizes)
     return status

@@ -98,8 +98,8 @@ def attempt(w, jacobian, chosen, start, moved, free, known, rounds, law, phases,
         room: see `state.room`; rows, answer and, if they are asked for, sums over the collisions are written to it.
     """
     frictional = setting(w, SETTING.frictional) != 0.0
-    if hooked(w, HOOK.keeps):
-        notify(w, BEGIN)
+    if hooked(w, HOOK.keeps) and notify(w, BEGIN) == ERROR:
+        return Outcome(0, 0, STOPPED, False)
     groups, many = count(w, chosen, frictional)
     if many == 0:
         return Outcome(groups, many, NO_ANSWER, False)

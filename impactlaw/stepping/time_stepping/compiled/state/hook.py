@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from llvmlite import ir
 from numba import extending, types
+from numba.core import cgutils
 
 from impactlaw.solvers.cones.algebra.loops import indices, kernel, plain
 from impactlaw.stepping.compiled.fields import address_of, keep, longs
@@ -15,7 +15,7 @@ from impactlaw.stepping.compiled.fields import address_of, keep, longs
 class Hook(NamedTuple):
     """Indices of the numbers at `World.python`."""
 
-    function: int = 0  # address of a C function of the address of a `Call`, which returns a `reply`
+    function: int = 0  # address of a Python object that is called with the address of a `Call`, and returns a reply
     middle: int = 1  # address of the position in the middle of the step, (nq,), written
     controls: int = 2  # whether there is a control callback to call
     keeps: int = 3  # whether collisions are kept
@@ -55,19 +55,31 @@ CONTROL, BEGIN, ASK, KEEP, WATCH = 0, 1, 2, 3, 4
 a problem that is about to be solved, with x as the guess.
 """
 ERROR, TOGETHER, LOST = -1, 1, 2
-"""Replies: an error was raised; or a sum of whether the law couples contacts that do not influence each other, and
-whether it has found no impulses.
+"""Replies: an error was raised, after which nothing more may be called, and the step must end; or a sum of whether the
+law couples contacts that do not influence each other, and whether it has found no impulses.
 """
 _intrinsic: Any = extending.intrinsic
 
 
 @_intrinsic
 def _call(typingctx: Any, function: Any, argument: Any) -> Any:
-    """Call a C function at an address, and return its result."""
+    """Call a Python object at an address, and return its result, a number, or `ERROR`.
+
+    Python raises the error where this compiled code returns to it. A function of ctypes would lose errors that arise
+    outside of it, such as an interrupt at its entry, and its result would then look like a reply.
+    """
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        kind = ir.FunctionType(ir.IntType(64), [ir.IntType(64)])
-        return builder.call(builder.inttoptr(values[0], kind.as_pointer()), [values[1]])
+        python = context.get_python_api(builder)
+        state, given = python.gil_ensure(), python.long_from_longlong(values[1])
+        result = python.call_function_objargs(builder.inttoptr(values[0], python.pyobj), [given])
+        reply = cgutils.alloca_once_value(builder, context.get_constant(types.int64, ERROR))
+        with builder.if_then(cgutils.is_not_null(builder, result)):
+            builder.store(python.long_as_longlong(result), reply)
+        for each in (result, given):
+            python.decref(each)
+        python.gil_release(state)
+        return builder.load(reply)
 
     return types.int64(types.int64, types.int64), generate
 

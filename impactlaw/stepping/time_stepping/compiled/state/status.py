@@ -1,5 +1,7 @@
 """The ways in which a step in compiled code can end."""
 
+UNDER_WAY = -1
+"""It has not ended, except by an error."""
 FINE = 0
 HUGE_INPUT = 1
 """The state at the start is not finite, or huge."""
