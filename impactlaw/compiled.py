@@ -16,6 +16,7 @@ from contextlib import suppress
 from functools import cache
 from importlib import import_module
 from pathlib import Path
+from threading import Thread
 from typing import Any, cast
 
 import mujoco
@@ -33,6 +34,8 @@ try:
     import numba
     from numba.core import sigutils, typeinfer
     from numba.core.caching import FunctionCache
+    from numba.core.compiler_lock import global_compiler_lock
+    from numba.core.registry import cpu_target
 
     from impactlaw.parts import LinkedCompiler
 except ImportError as error:
@@ -270,6 +273,23 @@ def _compile_alone(
         return _compile(function, signature, options) if mine else None
 
 
+def _fill_tables() -> None:
+    """Enter what has been declared since the last compilation into numba's tables.
+
+    A compilation would do so itself, but numba, interrupted meanwhile, lacks what it was about to enter for good.
+    Ctrl-C interrupts only the main thread. A thread that compiles already would wait for itself.
+    """
+
+    def fill() -> None:
+        with cast(Any, global_compiler_lock):
+            cast(Any, cpu_target).target_context.refresh()  # fills the tables of types, too
+
+    if not cast(Any, global_compiler_lock).is_locked():
+        thread = Thread(target=fill)
+        thread.start()
+        thread.join()
+
+
 def _compile(function: Callable[..., Any], signature: tuple[Any, ...], options: dict[str, Any]) -> Any:
     folder, settings = cache_folder(_parts(function.__module__)), cast(Any, numba).config
     kept = settings.CACHE_DIR, getattr(settings, "CACHE_LOCATOR_CLASSES", "")
@@ -277,6 +297,7 @@ def _compile(function: Callable[..., Any], signature: tuple[Any, ...], options: 
     collects = gc.isenabled()
     gc.disable()  # numba creates millions of objects, and repeated garbage collection would take a tenth longer
     try:
+        _fill_tables()
         made = cast(Any, numba.njit)(error_model="numpy", nogil=True, **options)(function)
         if folder is not None:
             made._cache = _Cache(function)

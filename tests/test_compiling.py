@@ -35,6 +35,9 @@ _double = by_address(double)
 def same(x):
     return x
 
+def real(x):
+    return x.real
+
 @compiled("(float64,)")
 def half(x):
     return x / 2.0
@@ -132,6 +135,34 @@ def test_a_helper_compiles_what_no_other_process_is_at(copy, held, found):
     """Nor does it compile if there is a helper with its number already."""
     _run(_HELP.format(held), copy)
     assert _run(_READ, copy).split() == ["5.0", *found]
+
+
+_INTERRUPTED = """
+import signal
+from numba import types
+from numba.core.typing.context import BaseContext
+from impactlaw.compiled import compiled
+fill, interrupts = BaseContext.insert_attributes, []
+
+def interrupted(self, attributes):
+    if attributes.key is types.Number and not interrupts:
+        interrupts.append(attributes)
+        signal.raise_signal(signal.SIGINT)
+    fill(self, attributes)
+
+BaseContext.insert_attributes = interrupted
+try:
+    import impactlaw.copied
+    print("not interrupted")
+except KeyboardInterrupt:
+    from impactlaw.copied import five_halves, real
+    print(five_halves(2.0), compiled("float64(float64)")(real)(3.0))
+"""
+
+
+def test_after_an_interrupt_functions_are_compiled_by_the_next_attempt(copy):
+    """As in a notebook, where one stops the cell that compiles, and runs it again."""
+    assert _run(_INTERRUPTED, copy) == "5.0 3.0\n"
 
 
 _FOR_PYTHON = """
