@@ -66,6 +66,17 @@ def test_a_collision_without_a_solution_is_time_stepped_from_where_it_was(monkey
     assert data.qvel[2] == pytest.approx(0.5, abs=0.1)
 
 
+def test_on_a_belt_the_rest_of_a_step_is_time_stepped_too(monkeypatch):
+    model, data = compiled(FLOOR.replace("/>", ' surfacevel="1 0 0 0 0 0"/>') + BOX)
+    stepper = Stepper(model, Moreau(0.0))
+    monkeypatch.setattr("impactlaw.stepping.event_driven.persistent_contact.frictional.solve_cone_rows", unsolved)
+    for _ in range(100):
+        stepper.step(data)
+        assert data.qvel[0] == pytest.approx(min(9.81 * data.time, 1.0), abs=1e-6)
+    assert stepper.unlocated == 100
+    assert data.qpos[2] == pytest.approx(0.1, abs=1e-8)
+
+
 def test_an_episode_does_not_depend_on_steps_that_were_not_finished_in_one_before(monkeypatch):
     model, data = compiled(FLOOR + BOX)
     used, fresh = Stepper(model, Moreau(0.5)), Stepper(model, Moreau(0.5))

@@ -72,8 +72,8 @@ def _kept(numbers: np.ndarray, model: mujoco.MjModel) -> tuple[np.ndarray, list[
 
 
 def put_motion(numbers: np.ndarray, model: mujoco.MjModel, motion: LastMotion | None) -> None:
-    """Set the motion of mocap bodies in the last step of a world."""
-    if motion is None:
+    """Set the motion of mocap bodies in the last step of a world, if there are any."""
+    if motion is None or not model.nmocap:
         return
     head, parts = _kept(numbers, model)
     head[HEAD.time] = motion.time
