@@ -11,7 +11,6 @@ from impactlaw.laws import Coulomb, Law, Poisson, Routh
 from impactlaw.laws.base import aim
 from impactlaw.laws.friction.groups import groups_of, ties_of
 from impactlaw.mechanics.collision import Collision
-from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.mechanics.impact import Impact
 from impactlaw.solvers.friction.problem import ConeProblem
 from impactlaw.solvers.friction.solve import Effort
@@ -50,13 +49,14 @@ class LawTargets:
     def with_friction(self, collision: Collision, effort: Effort | None = None) -> tuple[np.ndarray, np.ndarray] | None:
         """Return ``gamma^h``, (k,), and final sliding velocities of a rule with friction.
 
-        Return None if the rule finds no impulses, within an effort.
+        The rule leaves out friction that no normal impulse can cause, but the velocities are those of all rows. Return
+        None if it finds no impulses, within an effort.
         """
-        impact = self.outcome(collision, effort)
-        if impact is None:
+        impact, friction = self.outcome(collision, effort), collision.friction
+        if impact is None or friction is None:
             return None
-        assert isinstance(impact, FrictionImpact)
-        return impact.post_contact_velocity, impact.post_sliding_velocity
+        sliding = friction.jacobian @ impact.post_velocity + friction.post_surface_velocity
+        return impact.post_contact_velocity, sliding
 
     def of_all(self, collision: Collision) -> np.ndarray | None:
         """Return ``gamma^h``, (k,), of all contacts of a collision without friction; None if there is no solution."""
