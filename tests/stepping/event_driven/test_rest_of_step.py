@@ -138,6 +138,22 @@ def test_many_collisions_are_located_where_that_is_asked_for():
     assert stepper.unlocated == 0
 
 
+DOMINO = '<body pos="{} 0 .089"><freejoint/><geom type="box" size=".008 .044 .089" mass=".09"/></body>'
+
+
+@pytest.mark.filterwarnings("ignore::impactlaw.errors.ManyCollisionsWarning")
+def test_contacts_that_a_force_opens_may_be_the_first_ones_of_a_step():
+    """The step is cut where nothing is in contact, while the force of the persistent contacts before it is known."""
+    model, data = compiled(FLOOR + DOMINO.format(0) + DOMINO.format(0.1), 'timestep="0.02"')
+    data.qvel[:] = 3.0 * np.random.default_rng(3).normal(size=model.nv)
+    stepper = Stepper(model, Moreau(0.0), max_events=1)
+    for _ in range(8):
+        stepper.step(data)
+    depth = -data.contact.dist.min(initial=0.0)
+    assert depth <= 1e-5
+    assert np.isfinite(data.qpos).all()
+
+
 @pytest.mark.filterwarnings("ignore::impactlaw.errors.ManyCollisionsWarning")
 @pytest.mark.parametrize("timestep", [0.01, 0.003, 0.001])
 @pytest.mark.parametrize("ratio", [1e4, 1e6])

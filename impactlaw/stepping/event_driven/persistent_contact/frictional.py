@@ -200,16 +200,16 @@ def _solve(phase_end: PhaseEnd, phase: Phase, free: np.ndarray, guess: np.ndarra
     """
     now, known, before = phase_end.now, phase_end.known, phase.start.contact_forces
     guessed = len(guess) == len(now.gap)
+    force = None if before is None else np.vstack([before.force, np.zeros(_KINDS)])  # the last row is for index -1
     held = now.closed | (guess[:, 0] > 0) if guessed else now.closed
-    if phase.start.force is not None and before is not None:  # the force may have opened a contact of its own
-        held = held | ((known >= 0) & (before.force[known, 0] > 0))
+    if phase.start.force is not None and force is not None:  # the force may have opened a contact of its own
+        held = held | (force[known, 0] > 0)
     rows = now.contact_set.rows.select(phase_end.sustained & held)
     first = None
     if guessed:
         first = guess[rows.contact, rows.kind]
-    elif before is not None:
-        index = known[rows.contact]
-        first = np.where(index >= 0, before.force[index, rows.kind] * phase.duration, 0.0)
+    elif force is not None:
+        first = force[known[rows.contact], rows.kind] * phase.duration
     speed = now.configuration.kinetic_norm(free)
     impulse = solve_cone_rows(rows, rows.velocity(free), first, speed, phase.work, exact=phase.exact)
     table = np.zeros((len(now.gap), _KINDS))
