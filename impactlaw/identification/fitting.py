@@ -5,26 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from math import prod
 from numbers import Integral
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from tqdm import tqdm
 
 from impactlaw.errors import ImpactLawError, MeasurementError, UnknownNameError
 from impactlaw.identification.families import FAMILIES, Family, largest_friction, outcomes
 from impactlaw.identification.intervals import matrix_intervals, parameter_intervals
 from impactlaw.identification.measurements import Measurements, of_contacts, rms
 from impactlaw.identification.restitution_matrix import MatrixFit
+from impactlaw.identification.searching import best_parameters
 from impactlaw.laws import Fremond, Law, RestitutionLaw, Scattered, energy_gain
 from impactlaw.laws.restitution.labels import canonical
 from impactlaw.mechanics.collision import Collision
 
-_SOLVED = 1e-16  # squared error per collision that needs no further search
-_MOST_STEPS = 30  # most steps of a search, each with a derivative; searches that converge take fewer
-_LIMIT = 1e-6  # least distance of initial values from bounds
-_MOST_STARTS = 256  # most combinations of initial values that are tried: enough for eight contacts
+_SOON = 1.0  # s: folds that take less show no progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,8 +141,6 @@ def checked(
 
 
 def _fit_parameters(measured: Measurements, family: Family) -> Identified:
-    from scipy.optimize import least_squares
-
     low = np.array([p.low for p in family.parameters])
     high = np.array([p.high for p in family.parameters])
     sizes = [len(Q) for Q in measured.bases]
@@ -156,16 +151,7 @@ def _fit_parameters(measured: Measurements, family: Family) -> Identified:
         except ImpactLawError as error:
             raise MeasurementError(f"family {family.name!r} does not fit these collisions: {error}") from None
 
-    starts = [np.clip(start, low + _LIMIT, high - _LIMIT) for start in _starts(family)]
-    costs = [np.sum(residual(start) ** 2) for start in starts] if len(starts) > 1 else [0.0]
-    options: dict[str, Any] = {"bounds": (low, high), "x_scale": 0.1, "xtol": 1e-12, "ftol": 1e-14, "gtol": 1e-12}
-    searches = []
-    for i in np.argsort(costs, kind="stable")[: family.searches]:
-        searches.append(least_squares(residual, starts[i], max_nfev=_MOST_STEPS, **options))
-        if searches[-1].cost < _SOLVED * len(sizes):
-            break
-    best = min(searches, key=lambda search: search.cost)
-    x = _at_bounds(best.x, low, high, residual)
+    x = best_parameters(residual, family, len(sizes))
     intervals, rank = parameter_intervals(residual, x, sizes, low, high)
     names = [p.name for p in family.parameters]
     law = family.make(x)
@@ -179,22 +165,6 @@ def _fit_parameters(measured: Measurements, family: Family) -> Identified:
         rank,
         family.largest,
     )
-
-
-def _starts(family: Family) -> list[tuple[float, ...]]:
-    """Return initial values for searches: all combinations or, if these are too many, the k-th value of each."""
-    each = [p.starts for p in family.parameters]
-    if prod(map(len, each)) <= _MOST_STARTS:
-        return list(product(*each))
-    return [tuple(starts[k % len(starts)] for starts in each) for k in range(max(map(len, each)))]
-
-
-def _at_bounds(x: np.ndarray, low: np.ndarray, high: np.ndarray, residual) -> np.ndarray:
-    """Return x with numbers that stopped just before a bound moved to the bound, if that is not worse."""
-    moved = np.where(high - x < 1e-6, high, np.where(x - low < 1e-6, low, x))
-    if np.array_equal(moved, x):
-        return x
-    return moved if np.sum(residual(moved) ** 2) <= np.sum(residual(x) ** 2) * (1 + 1e-9) + 1e-24 else x
 
 
 def _certificate(law: Law, measured: Measurements, family: Family, x: np.ndarray) -> float:
@@ -293,7 +263,8 @@ def cross_validate(
     n = len(measured)
     check_folds(folds, n)
     errors, fold_rms, parameters, fitted = [], [], [], _family(family, measured, projected=projected)
-    for part in np.array_split(np.random.default_rng(seed).permutation(n), folds):
+    parts = np.array_split(np.random.default_rng(seed).permutation(n), folds)
+    for part in tqdm(parts, desc=f"folds of {family}", leave=False, delay=_SOON, disable=None):
         rest, held = measured.select(np.setdiff1d(np.arange(n), part)), measured.select(part)
         found = _fit(rest, fitted, admissible=False, projected=projected)
         own = held.errors(outcomes(found.law, held.collisions, found.parameters.get("friction"), found.largest))

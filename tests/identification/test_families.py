@@ -1,5 +1,8 @@
 """Laws with few parameters: fitted again, confidence intervals, drops of an ellipse, chains of springs."""
 
+import sys
+from io import StringIO
+
 import numpy as np
 import pytest
 from identification.known import open_collisions
@@ -8,8 +11,8 @@ from problems import balls, launched
 
 from impactlaw import Collision, Compliant, Coulomb, Fremond, Moreau, Newton, Poisson, Routh
 from impactlaw.errors import MeasurementError, UnknownNameError
-from impactlaw.identification import FAMILIES, audit, cross_validate, fit
-from impactlaw.identification.families import with_friction
+from impactlaw.identification import FAMILIES, audit, cross_validate, fit, searching
+from impactlaw.identification.families import Family, with_friction
 from scripts.identification import chains, drops
 
 
@@ -242,3 +245,17 @@ def test_springs_of_very_different_stiffness_are_found(ratio):
     found = fit(collisions, [law.resolve(c).post_velocity for c in collisions], family="compliant")
     assert found.parameters["log stiffness b over a"] == pytest.approx(ratio, abs=1e-6)
     assert found.parameters["exponent"] == pytest.approx(1.5, abs=1e-6)
+
+
+def test_a_family_with_local_minima_takes_few_trials_and_tells_them(monkeypatch):
+    """Each trial integrates all collisions in time, which takes minutes where springs give little back."""
+    trials, shown, predicted = [], StringIO(), Family.predicted
+    shown.isatty = lambda: True
+    monkeypatch.setattr(searching, "_SOON", 0.0)
+    monkeypatch.setattr(sys, "stderr", shown)
+    monkeypatch.setattr(Family, "predicted", lambda *given: trials.append(given[-1]) or predicted(*given))
+    collisions = chain_collisions(10, masses=(1.0, 1.0, 1.0))
+    found = fit(collisions, [Moreau(0.5).resolve(c).post_velocity for c in collisions], "compliant")
+    assert len(trials) < 300  # 419 where each of four searches is followed to its end
+    assert found.rms == pytest.approx(0.0463514822, rel=1e-7)  # as found by them
+    assert "fitting compliant" in shown.getvalue()
