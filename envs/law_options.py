@@ -51,9 +51,11 @@ class LawOptions:
         """The scheme of rigid contact, given or default; for soft contact the scheme as given, normally None."""
         return (self.scheme or self.usual_scheme) if self.contact_model == "rigid" else self.scheme
 
-    def law_for(self, model: mujoco.MjModel) -> Law:
-        """Return the law for a model, with the seed of this episode if there is one."""
+    def law_for(self, model: mujoco.MjModel) -> Law | Literal["scene"]:
+        """Return the law for a stepper of a model, with the seed of this episode if there is one."""
         law = choose_law(model, self.law, self.restitution)
+        if isinstance(self.law, str) and self.law == "scene":
+            return "scene"  # the stepper follows changes of what the scene carries
         return law if self.seed is None else law.seeded(self.seed)
 
     @cached_property

@@ -14,6 +14,7 @@ from impactlaw.batch.rows import Fields
 from impactlaw.compiled import compile_together
 from impactlaw.errors import CopyError, SceneError, SettledError, WorldsFailedError
 from impactlaw.laws import Law
+from impactlaw.laws.restitution.from_scene import carries_restitution
 from impactlaw.settled import Settled, places
 from impactlaw.stepping.cautions import warn_of_held_joints
 from impactlaw.stepping.compatibility import check_count, check_friction, check_law, check_model, check_scene_friction
@@ -221,14 +222,19 @@ class Batch:
         Raises:
             UnknownNameError: there is no such field.
             UnsupportedError: MuJoCo's batches cannot expand the field.
-            SceneError: the field concerns contact, friction or moving surfaces, of which the batch's model has none.
-                The steps of this batch leave them out, so the field would have no effect.
+            SceneError: the field would have no effect: it concerns contact, friction or moving surfaces, of which the
+                batch's model has none; or it is ``numeric_data``, and the scene carries restitution there.
         """
         check_name(name)
         if name in self._left_out:
             raise SceneError(
                 f"model.{name} of each world would have no effect: the model of this batch has no contact, none with "
                 "friction, or no surface that moves, and its steps leave that out; make a Batch of a model that has it"
+            )
+        if name == "numeric_data" and carries_restitution(self.model):
+            raise SceneError(
+                "model.numeric_data of each world would have no effect: a batch does not read the restitution that the "
+                "scene carries there; write into `restitution` of the batch, or use set_law"
             )
         found = self._fields.expand(name)
         self._worlds.expand(name)

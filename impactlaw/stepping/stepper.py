@@ -10,7 +10,7 @@ import mujoco
 
 from impactlaw.errors import ManyCollisionsWarning, SceneError, UnknownNameError, instead_of
 from impactlaw.laws import Law
-from impactlaw.laws.restitution.from_scene import scene_law
+from impactlaw.laws.restitution.from_scene import SceneNumbers, scene_law
 from impactlaw.scene.contacts import is_data_of
 from impactlaw.settled import Settled, places
 from impactlaw.solvers import load_solvers
@@ -54,7 +54,8 @@ class Stepper:
             Any other change takes effect where MuJoCo reads the field again. If the model later gets friction,
             contacts, limits or belts that it did not have when the stepper was made, the next step raises. So does an
             event-driven step if the limits of joints have changed.
-        law: a `Law`, or "scene" for the restitution that the MJCF itself carries (`laws.restitution.from_scene`).
+        law: a `Law`, or "scene" for the restitution that the MJCF itself carries (`laws.restitution.from_scene`). If
+            that changes in ``model.numeric_data``, the next step is under the new one, or raises if it is invalid.
         contact_model: "rigid" or "soft".
         scheme: "event-driven" (the default) or "time-stepping" (rigid).
         friction: "coulomb" (the default) is exact Coulomb friction in collisions and in persistent contact, with the
@@ -127,7 +128,7 @@ class Stepper:
     __slots__ = (
         *places("model", "plan", "contacts", "limits", *Options._fields),
         "_model", "_law", "_chosen", "_plan_check", "_signature", "_way", "_stepping", "_is_soft", "_at_once",
-        "_events", "_warned", "__weakref__",
+        "_carried", "_events", "_warned", "__weakref__",
     )  # fmt: skip
 
     def __init__(
@@ -169,6 +170,7 @@ class Stepper:
         self.plan = make_plan(model, contact_model, scheme=scheme, friction=friction or "coulomb")
         check_scene_friction(model, self.plan)
         self._plan_check = PlanCheck(model, self.plan, friction or "coulomb") or None
+        self._carried = _carried(model, law)
         self._way = Way(model, self.plan, options, self._chosen)
         self._stepping = self._way.stepping(self._law)
         self._is_soft = contact_model == "soft"
@@ -190,7 +192,7 @@ class Stepper:
     def law(self, law: Law | Literal["scene"]) -> None:
         known = self._known(law)
         self._stepping.set_law(self._way.law_for(known))
-        self._law = known
+        self._law, self._carried = known, _carried(self._model, law)
 
     @property
     def events(self) -> tuple[ImpactEvent, ...]:
@@ -259,7 +261,8 @@ class Stepper:
             OverlapError: geoms overlap at the start by more than the gap tolerance, or are squeezed so that they cannot
                 be pushed out, and on_unsolved is "raise". The message names the pairs and depths.
             InadmissibleImpactError: the outcome of the law is not in S(v-) and on_inadmissible is "raise".
-            RestitutionError: the law's coefficients do not fit the contacts that collide.
+            RestitutionError: the law's coefficients do not fit the contacts that collide, or those that the scene
+                carries are invalid now.
             OptionError: steps is not a positive whole number.
             UnsolvableLawError: the law has no solution for the contacts that collide, and on_unsolved is "raise".
             SolverError: no solver's answer for these contacts passed its certificate, and on_unsolved is "raise"
@@ -280,6 +283,8 @@ class Stepper:
         self._events = ()
         if self._plan_check is not None and self._plan_check.check() and isinstance(self._stepping, RigidStepping):
             self._stepping.learn_friction()
+        if self._carried is not None and self._carried.changed():
+            self.law = "scene"
         if steps.__class__ is not int or steps < 1:
             check_count("steps", steps)
         if self._at_once:
@@ -315,6 +320,8 @@ class Stepper:
         self._events = ()
         if self._plan_check is not None:
             self._plan_check.check()
+        if self._carried is not None and self._carried.changed():
+            self.law = "scene"
         self._events = self._stepping.finish(data)  # pyright: ignore[reportAttributeAccessIssue]
 
     def _known(self, law: Law | Literal["scene"]) -> Law:
@@ -327,6 +334,11 @@ class Stepper:
         check_law(self.model, law, self._chosen)
         check_friction(law, self.friction, self.solver)
         return law
+
+
+def _carried(model: mujoco.MjModel, law: Law | Literal["scene"]) -> SceneNumbers | None:
+    """Return what tells of changes of the law that the scene carries; None if that is not the law."""
+    return SceneNumbers(model) if isinstance(law, str) else None
 
 
 def _check_data(model: mujoco.MjModel, data: object) -> None:

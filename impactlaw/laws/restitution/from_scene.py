@@ -35,6 +35,32 @@ def scene_law(model: mujoco.MjModel) -> Newton:
     return Newton(table, default=default)
 
 
+def carries_restitution(model: mujoco.MjModel) -> bool:
+    """Return whether a scene carries any restitution."""
+    return any(model.numeric(i).name.split("/")[0] == RESTITUTION for i in range(model.nnumeric))
+
+
+class SceneNumbers:
+    """Tells when the numbers have changed that a scene carries, of which `scene_law` makes a law."""
+
+    def __init__(self, model: mujoco.MjModel):
+        self._model, self._read = model, model.numeric_data.tobytes
+        self._seen = self._read()
+
+    def changed(self) -> bool:
+        """Return whether numbers have changed since this object was made."""
+        return self._read() != self._seen
+
+    def __getstate__(self) -> tuple[mujoco.MjModel, bytes]:
+        """Return everything but the array of the model that is read."""
+        return self._model, self._seen
+
+    def __setstate__(self, state: tuple[mujoco.MjModel, bytes]) -> None:
+        """Read the array of the copied model."""
+        self._model, self._seen = state
+        self._read = self._model.numeric_data.tobytes
+
+
 def scene_restitution(model: mujoco.MjModel) -> float | None:
     """Return the default coefficient of a scene, for contacts without their own; None if it has no default.
 

@@ -217,6 +217,9 @@ def test_stepper_and_law_after_a_reset_are_those_of_its_model():
         assert info["impact/restitution"] == restitution
         env.step(env.action_space.sample())
         assert env.stepper is stepper
+        plain.model.numeric_data[-1] = 0.875  # as randomization in the middle of an episode
+        *_, info = env.step(env.action_space.sample())
+        assert info["impact/restitution"] == env.law.default == 0.875
 
 
 @pytest.mark.parametrize("name", ["Hopper-v5", "HalfCheetah-v5"])

@@ -1,13 +1,16 @@
 """Setting another law on a stepper: it holds from the next step on, or is refused at once."""
 
+import copy
+
 import mujoco
 import numpy as np
 import pytest
 from stepping.options.ways import WAYS, ball, every_way, rebound
 
-from impactlaw import Coulomb, Fremond, LinearMap, Moreau, Newton, Poisson, Stepper
+from impactlaw import Batch, Coulomb, Fremond, LinearMap, Moreau, Newton, Poisson, Stepper
 from impactlaw.errors import (
     RestitutionError,
+    SceneError,
     UnknownNameError,
 )
 from impactlaw.models import load
@@ -60,6 +63,49 @@ def test_the_law_of_the_scene_can_be_set(way):
     stepper = Stepper(model, Moreau(0.9), **WAYS[way])
     stepper.law = "scene"
     assert rebound(stepper, data) == pytest.approx(0.3, abs=1e-9)
+
+
+@every_way
+def test_the_law_of_the_scene_follows_the_scene(way):
+    """Steppers, their copies and laws put on environments read again what randomization has written."""
+    model, data = ball(numeric='<numeric name="restitution" data="0.3"/>')
+    stepper = Stepper(model, "scene", **WAYS[way])
+    model.numeric_data[0] = 0.8
+    copied, own = copy.deepcopy((stepper, mujoco.MjData(model)))
+    assert rebound(copied, own) == pytest.approx(0.8, abs=1e-9)
+    copied.model.numeric_data[0] = 0.4
+    assert rebound(copied, own) == pytest.approx(0.4, abs=1e-9)
+    assert rebound(stepper, data) == pytest.approx(0.8, abs=1e-9)
+    assert stepper.law == Newton({}, default=0.8)
+    model.numeric_data[0], before = 1.5, data.qpos.copy()
+    for _ in range(2):  # it does not go on under the old law
+        with pytest.raises(RestitutionError, match=r"must lie in \[0, 1\], got 1.5"):
+            stepper.step(data)
+    np.testing.assert_array_equal(data.qpos, before)
+    stepper.law = Moreau(0.5)
+    assert rebound(stepper, data) == pytest.approx(0.5, abs=1e-9)
+    model.numeric_data[0] = 0.2
+    assert rebound(stepper, data) == pytest.approx(0.5, abs=1e-9)
+
+
+def test_the_second_half_of_a_soft_step_follows_the_scene():
+    model, data = ball(numeric='<numeric name="restitution" data="0.3"/>')
+    stepper, seen = Stepper(model, "scene", contact_model="soft"), []
+    model.numeric_data[0] = 0.8
+    while not seen:
+        mujoco.mj_step1(model, data)
+        stepper.finish_step(data)
+        seen = [-e.impact.post_contact_velocity[0] / e.impact.collision.pre_contact_velocity[0] for e in stepper.events]
+    assert seen == pytest.approx([0.8], abs=1e-9)
+
+
+def test_a_batch_refuses_restitution_of_the_scene_by_world():
+    """It would have no effect, since a batch is under a law."""
+    model, _ = ball(numeric='<numeric name="restitution" data="0.3"/>')
+    with pytest.raises(SceneError, match="write into `restitution` of the batch"):
+        Batch(model, Moreau(0.5), 2).expand("numeric_data")
+    model, _ = ball(numeric='<numeric name="mine" data="0.3"/>')
+    assert Batch(model, Moreau(0.5), 2).expand("numeric_data").shape == (2, 1)
 
 
 @every_way
