@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import sys
 
 import mujoco
 import pytest
@@ -35,17 +36,25 @@ def test_a_library_without_a_version_in_its_name_is_found(tmp_path):
     assert find_library(tmp_path).name == "mujoco.dll"
 
 
+def addresses():
+    return [ctypes.c_size_t.in_dll(library(), f"mjcb_{name}").value for name in CALLBACKS]
+
+
 def test_callbacks_are_taken_off_and_put_back():
     functions = [lambda *given, name=name: name for name in CALLBACKS]
     for name, function in zip(CALLBACKS, functions, strict=True):
         getattr(mujoco, f"set_mjcb_{name}")(function)
-    with pytest.raises(KeyError), without_callbacks():
-        assert not is_called_back()
-        assert all(getattr(mujoco, f"get_mjcb_{name}")() is None for name in CALLBACKS)
+    before = addresses()
+
+    def fail():
+        assert not any(addresses())
         raise KeyError
+
+    with pytest.raises(KeyError):
+        without_callbacks(fail)
     assert [getattr(mujoco, f"get_mjcb_{name}")() for name in CALLBACKS] == functions
-    with without_callbacks():
-        pass
+    assert without_callbacks(is_called_back) is False
+    assert addresses() == before
     assert is_called_back()
 
 
@@ -53,9 +62,34 @@ def test_a_callback_that_was_set_from_c_is_put_back():
     function = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(lambda model, data: None)
     place = ctypes.c_size_t.in_dll(library(), "mjcb_control")
     place.value = address = ctypes.cast(function, ctypes.c_void_p).value
-    with without_callbacks():
-        assert place.value == 0
+    assert without_callbacks(lambda: place.value) == 0
     assert place.value == address
+
+
+def test_interrupts_at_any_time_leave_callbacks_on():
+    """Python raises interrupts where functions begin, and after calls: a profiler raises one at each of these."""
+    for name in CALLBACKS:
+        getattr(mujoco, f"set_mjcb_{name}")(lambda *given: 0)
+    table()
+    before, interrupts = addresses(), 0
+    for last in range(1, 200):
+        left = last
+
+        def raise_at_last(frame, event, argument):
+            nonlocal left
+            left -= event in ("call", "c_return")
+            if not left:
+                raise KeyboardInterrupt
+
+        sys.setprofile(raise_at_last)
+        try:
+            without_callbacks(lambda: max(map(abs, range(10))))
+        except KeyboardInterrupt:
+            interrupts += 1
+        finally:
+            sys.setprofile(None)
+        assert addresses() == before
+    assert 2 < interrupts < 199  # at all of them
 
 
 @pytest.mark.parametrize("name", ["control", "passive", "contactfilter"])

@@ -108,12 +108,16 @@ _SCENE = (
 )
 
 
+def _touching_balls() -> tuple[Any, Any]:
+    model = mujoco.MjModel.from_xml_string(_SCENE)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
 def _check(offsets: np.ndarray) -> None:
     """Compare addresses with those of MuJoCo's bindings."""
-    with without_callbacks():
-        model: Any = mujoco.MjModel.from_xml_string(_SCENE)
-        data: Any = mujoco.MjData(model)
-        mujoco.mj_forward(model, data)
+    model, data = without_callbacks(_touching_balls)
     pointers = [(structure_at(data), DATA, data), (structure_at(model), MODEL, model)]
     wrong = []
     for address, fields, owner in pointers:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from threading import RLock
-from typing import Any
+from typing import Any, TypeVar
 
 import llvmlite.binding as llvm
 import mujoco
@@ -18,6 +17,7 @@ from numba import types
 from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.stepping.compiled.fields import long_at
 
+_Result = TypeVar("_Result")
 _P, _I, _F = types.int64, types.int32, types.float64
 
 
@@ -94,25 +94,32 @@ def is_called_back() -> bool:
     return any(ctypes.c_size_t.from_address(place).value for place in callbacks().tolist())
 
 
-@contextmanager
-def without_callbacks() -> Iterator[None]:
-    """Disable MuJoCo's callbacks meanwhile: they are for the scene of the user, not for scenes of this package.
+@cache
+def _places() -> tuple[np.ndarray, np.ndarray]:
+    """Return MuJoCo's memory that contains its callbacks, and their indices, so that numpy writes all of them at once.
 
-    MuJoCo's compiler calls them, too. Callbacks set from C are unknown to MuJoCo's bindings, which therefore do not
-    restore them.
+    (They lie side by side.) Python can raise an interrupt between the assignments of a loop, but not within this one.
+    """
+    at = callbacks()
+    first = int(at.min())
+    memory = (ctypes.c_size_t * ((int(at.max()) - first) // 8 + 1)).from_address(first)
+    return np.frombuffer(memory, dtype=np.uintp), (at - first) // 8
+
+
+def without_callbacks(call: Callable[[], _Result]) -> _Result:
+    """Return what a function returns while MuJoCo's callbacks are off: they are for scenes of the user, not of ours.
+
+    MuJoCo's compiler calls them, too. MuJoCo's bindings do not notice, and keep the functions of the user. This is no
+    context manager, since an interrupt that arises where such a one ends would leave callbacks off.
     """
     with EXCHANGE:
-        places = [ctypes.c_size_t.from_address(place) for place in callbacks().tolist()]
-        addresses = [place.value for place in places]
-        functions = [getattr(mujoco, f"get_mjcb_{name}")() for name in CALLBACKS]
+        memory, at = _places()
+        kept = memory[at]
         try:
-            for name in CALLBACKS:
-                getattr(mujoco, f"set_mjcb_{name}")(None)
-            yield
+            memory[at] = 0
+            return call()
         finally:
-            for name, function, place, address in zip(CALLBACKS, functions, places, addresses, strict=True):
-                getattr(mujoco, f"set_mjcb_{name}")(function)
-                place.value = address
+            memory[at] = kept
 
 
 @plain

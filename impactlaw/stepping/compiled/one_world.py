@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import mujoco
@@ -34,8 +35,7 @@ class OneWorld:
 
     def _open(self) -> Entry:
         """Make the entry into compiled code while callbacks are set, and return it."""
-        with without_callbacks():
-            self._entry = Entry(self._function, self._context)
+        self._entry = without_callbacks(partial(Entry, self._function, self._context))
         return self._entry
 
     def _fill_context(self, arrays: dict[str, np.ndarray], numbers: dict[str, float]) -> None:

@@ -42,7 +42,7 @@ from impactlaw.laws.restitution.on_contacts import Chosen
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.stepping.collisions import Collider
 from impactlaw.stepping.impact_event import ImpactEvent
-from impactlaw.stepping.integration import check_timestep
+from impactlaw.stepping.integration import STEP_STATE, check_timestep, empty_state, restore_state
 from impactlaw.stepping.plan import Plan
 from impactlaw.stepping.soft.collisions import NOTHING, VELOCITY, Collisions
 from impactlaw.stepping.soft.locked_joints import inertia_of_forces, with_locked_joints
@@ -78,7 +78,7 @@ class SoftStepping:
         self.collisions = Collisions(model, collider, plan, rest_speed=rest_speed, chosen=chosen)
         can_have_limits = model.ntendon > 0 or bool((model.jnt_type != _FREE).any())
         self.collides = plan.detection or can_have_limits
-        self._stages = Stages(model)
+        self._stages, self._start = Stages(model), empty_state(model, STEP_STATE)
 
     @property
     def unlocated(self) -> int:
@@ -127,7 +127,12 @@ class SoftStepping:
             mj_step(model, data)
             events = ()
         else:
-            events = self._step_from_start(data, integrator)
+            mujoco.mj_getState(model, data, self._start, STEP_STATE)
+            try:
+                events = self._step_from_start(data, integrator)
+            except BaseException:
+                self._undo(data, time)
+                raise
         _refuse_reset(data, time, count)
         if surfaces is not None:
             surfaces.end(data)
@@ -147,12 +152,29 @@ class SoftStepping:
         time, count = data.time, _bad_states(data)
         if self._surfaces is not None:
             self._surfaces.begin(data, self.model.opt.timestep)
-        events, stage = self.collisions.resolve(data) if data.ncon or data.nl else NOTHING
-        self._finish_step(data, stage)
+        mujoco.mj_getState(self.model, data, self._start, STEP_STATE)
+        try:
+            events, stage = self.collisions.resolve(data) if data.ncon or data.nl else NOTHING
+            self._finish_step(data, stage)
+        except BaseException:
+            if self._undo(data, time):
+                self._look(data)
+            raise
         _refuse_reset(data, time, count)
         if self._surfaces is not None:
             self._surfaces.end(data)
         return events
+
+    def _undo(self, data: mujoco.MjData, time: float) -> bool:
+        """Restore the state at the start of a step, unless the step has ended; return whether it was restored.
+
+        Velocities that the law has changed, or accelerations that are those of this step and not of the last one, would
+        make it another step if it were taken again.
+        """
+        if data.time != time:
+            return False
+        restore_state(self.model, data, self._start, STEP_STATE)
+        return True
 
     def _step_from_start(self, data: mujoco.MjData, integrator: int) -> tuple[ImpactEvent, ...]:
         """Do what `mj_step` does, but apply the law before forces are computed."""

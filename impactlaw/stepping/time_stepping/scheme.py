@@ -182,7 +182,10 @@ class TimeStepping(OneWorld):
                     break
                 fields[_STATUS] = status.UNDER_WAY
         except BaseException as raised:
-            error = self._undone(raised, data)
+            try:
+                error = self._undone(raised, data)
+            except (KeyboardInterrupt, SystemExit) as second:  # undone in part; `timeout` sends two signals
+                error = self._undone(second, data)
         if error is not None:
             try:
                 raise error

@@ -103,14 +103,11 @@ def test_callbacks_survive_two_threads_that_take_them_off_at_once():
     """Steppers take callbacks off while they make scenes of their own."""
 
     def first() -> None:
-        with without_callbacks():
-            entered.set()
-            time.sleep(0.05)
+        without_callbacks(lambda: (entered.set(), time.sleep(0.05)))
 
     def second() -> None:
         entered.wait()
-        with without_callbacks():
-            time.sleep(0.1)
+        without_callbacks(lambda: time.sleep(0.1))
 
     def callback(*given: object) -> None:
         pass

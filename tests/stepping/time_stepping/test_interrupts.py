@@ -12,6 +12,7 @@ import pytest
 
 from impactlaw import Law, Newton, Poisson, Stepper
 from impactlaw.stepping.compiled.law_table import Coefficients
+from impactlaw.stepping.time_stepping import scheme
 from impactlaw.stepping.time_stepping.calls import Calls
 from impactlaw.stepping.time_stepping.compiled.state.memory import MEMORY
 
@@ -91,6 +92,35 @@ def test_interrupts_of_what_compiled_code_calls(law, called_back, at_the_end):
 
     rng, own = np.random.default_rng(0), Calls.__call__
     assert expect_the_same(law, lambda: patch.object(Calls, "__call__", interrupted), called_back=called_back) > 15
+
+
+@pytest.mark.parametrize("name", ["empty_stack", "restore_state"])
+def test_a_second_interrupt_while_a_step_is_undone(name):
+    """The first one arises in a callback; the second one comes before a part of the state is restored."""
+
+    def interrupted(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        if rng.random() < 0.1:
+            pending.append(True)
+            raise KeyboardInterrupt
+
+    def again(*given: Any) -> None:
+        if pending:
+            pending.clear()
+            seconds.append(True)
+            signal.raise_signal(signal.SIGINT)
+        undo(*given)
+
+    @contextmanager
+    def disturbed() -> Iterator[None]:
+        mujoco.set_mjcb_passive(interrupted)
+        try:
+            with patch.object(scheme, name, again):
+                yield
+        finally:
+            mujoco.set_mjcb_passive(lambda model, data: None)
+
+    rng, undo, pending, seconds = np.random.default_rng(0), getattr(scheme, name), [], []
+    assert expect_the_same(Newton(0.5), disturbed, called_back=True) == len(seconds) > 15
 
 
 def test_interrupts_when_a_contact_has_been_added_to_the_table_of_coefficients():
