@@ -19,7 +19,10 @@ Converted = tuple[Coefficients, Sequence[float]]
 def check_covered(why: str | None) -> None:
     """Raise SceneError if there is a reason why compiled code does not cover a law."""
     if why is not None:
-        raise SceneError(f"a batch cannot be under this law: {why}; use Stepper, or another law")
+        raise SceneError(
+            f"a batch cannot be under this law: {why}, so that it must be asked in Python at each collision; use a "
+            "Stepper for each world, or a law with one number per contact, such as Moreau(0.5) or Newton({...})"
+        )
 
 
 class Laws:
