@@ -82,9 +82,10 @@ class Stepper:
             (the default) takes the rest of the step, "raise" raises an error (event-driven).
         gap_tolerance: gap up to which a contact counts as closed, and largest penetration at an event, m; 1e-9 by
             default, 1e-6 in millimeters, see `scene.tolerances.meter` (event-driven).
-        rest_speed: closing speed above which a contact collides, m/s or rad/s. By default 1e-3 for time stepping, where
-            the speed must also exceed what forces produce within a step, and for soft contacts 0.1, or 1.5 times what
-            gravity gives in a timestep (as they are when the stepper is made) if that is more.
+        rest_speed: closing speed above which a contact collides, m/s or rad/s. By default 1e-3 for time stepping (1 in
+            millimeters, but for limits of joints), where the speed must also exceed what forces produce within a step,
+            and for soft contacts 0.1, or 1.5 times what gravity gives in a timestep (as they are when the stepper is
+            made) if that is more.
         max_events: largest number of collisions in one step, 100 by default. The rest of a step with more is finished
             with E = 0 (soft), or time stepped if E = 0 would cost energy (event-driven). A larger number also allows
             more work.

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from impactlaw import Moreau, Stepper
+from impactlaw.stepping.time_stepping.compiled.state.world import SETTING
 
 WAYS = {
     "event-driven": {},
@@ -135,3 +136,34 @@ def test_gaps_in_millimeters_are_not_finer_than_their_rounding():
     (places, collisions), (expected, before) = tumbled(1000.0), tumbled(1.0)
     assert places == pytest.approx(expected, abs=1e-5)
     assert collisions == before
+
+
+def pushed(meter, speed, turning):
+    """Return the parts of their speeds with which a ball leaves a wall, m/s, and a hinge its limit, rad/s."""
+    model, data = scene(
+        meter,
+        lambda x: (
+            f'<geom type="box" pos="{x(0.3, 0, 0)}" size="{x(0.1, 0.1, 0.1)}"/>'
+            f'<body pos="{x(0.0999, 0, 0)}"><joint type="slide" axis="1 0 0"/><geom size="{x(0.1)}" mass="1"/></body>'
+            f'<body pos="{x(0, 1, 0)}"><joint range="-1 1" limited="true"/><geom size="{x(0.1)}" mass="1"/></body>'
+        ),
+    )
+    data.qpos[1], data.qvel[:] = np.deg2rad(1) - 1e-6, (speed * meter, turning)
+    stepper = Stepper(model, Moreau(0.5), scheme="time-stepping")
+    for _ in range(300):
+        stepper.step(data)
+    return tuple(data.qvel / (speed * meter, turning))
+
+
+@pytest.mark.parametrize("meter", [1.0, 100.0, 1000.0], ids=["m", "cm", "mm"])
+def test_the_slowest_collision_is_as_slow_in_other_units(meter):
+    """It is 1e-3 m/s of contacts, and 1e-3 rad/s of limits of hinges, which have no unit of length."""
+    assert pushed(meter, 1.1e-3, 1.1e-3) == pytest.approx((-0.5, -0.5), abs=1e-9)
+    assert pushed(meter, 0.9e-3, 0.9e-3) == pytest.approx((0.0, 0.0), abs=1e-9)
+
+
+@LENGTHS
+def test_bodies_at_rest_touch_across_as_small_gaps(meter):
+    found = [Stepper(scene(each, lambda x: "")[0], Moreau(0.5), scheme="time-stepping") for each in (1.0, meter)]
+    one, other = (stepper.stepping.law.settings()[SETTING.touching] for stepper in found)
+    assert other == pytest.approx(meter * one)

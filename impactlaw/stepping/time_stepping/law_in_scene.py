@@ -69,11 +69,12 @@ class LawInScene:
         check_time_stepping(model)
         self.model, self.on_inadmissible, self._in_python = model, on_inadmissible, in_python
         self._exact_cones, self._friction, self._touching = friction != "convex", plan.friction, touching
-        self._rest_speed = REST_SPEED if rest_speed is None else rest_speed
         surfaces = Surfaces(model, plan.pairs.geoms) if plan.surfaces and model.nmocap else None
         self._surfaces = 0.0 if surfaces is None else 1.0 + surfaces.meet
         self.carriers = np.full(model.ngeom, -1, np.int32) if surfaces is None else surfaces.carrier
         self.names, self.limits, self._meter = geom_names(model), Limits(model), meter(model.opt.gravity)
+        self._rest_speed = REST_SPEED * self._meter if rest_speed is None else rest_speed
+        self._rest_turn = REST_SPEED if rest_speed is None else rest_speed
         self.inertial, self._listed = InertialForces(model), listed_stage(model)
         self._sticks = bool(model.flg_adhesion or (model.actuator_trntype == _BODY).any())
         shapes = set(model.geom_type.tolist())
@@ -127,8 +128,9 @@ class LawInScene:
             float(self._listed),
             self._meter,
             float(self._beside),
-            self._touching,
+            self._touching * self._meter,
             0.0 if not self.asks else 1.0 if targets.alone else 2.0,
+            self._rest_turn,
         )
 
     def inadmissible(self, created: float, time: float) -> InadmissibleImpactError:

@@ -187,7 +187,7 @@ def correct_end(w, rows, pairs, gaps):
         depth, slow = bend(w, rows, pairs, gaps, True)
         if not opened or depth == 0.0 or depth > LITTLE * before:
             break
-    return depth > COUNTED
+    return depth > COUNTED * setting(w, SETTING.meter)
 
 
 @plain

@@ -21,8 +21,8 @@ from impactlaw.stepping.time_stepping.tolerances import RESOLVED
 @plain
 def _is_struck(rows, z, x, g, slowest, resolved):
     sparse, value, rates, row = rows.sparse, rows.value, rows.rates, rows.groups[0, g]
-    most = resolved if is_length(rows, g) else min(resolved, RESOLVED)
-    threshold = max(slowest, min(rates[1, row] - rates[2, row], most))  # up to it, forces explain the velocity
+    least, most = (slowest[0], resolved) if is_length(rows, g) else (slowest[1], min(resolved, RESOLVED))
+    threshold = max(least, min(rates[1, row] - rates[2, row], most))  # up to it, forces explain the velocity
     if not x[row] > 0.0 or (rows.amounts[0, g] <= NEAR and rates[1, row] <= threshold):
         return False
     velocity = rates[1, row]

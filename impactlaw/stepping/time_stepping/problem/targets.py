@@ -55,7 +55,7 @@ def aim(rows, timestep, restitution, slowest, resolved, may, target, collides):
         rows: see `rows.Rows`.
         timestep: h, s.
         restitution: e.
-        slowest: least threshold, m/s or rad/s.
+        slowest: least threshold, m/s, and that of limits of joints, m/s or rad/s.
         resolved: largest velocity that is attributed to forces; for limits of joints `RESOLVED` at most.
         may: which groups may collide, bool (g,).
         target: ``gamma^h``, (g,), written.
@@ -68,12 +68,12 @@ def aim(rows, timestep, restitution, slowest, resolved, may, target, collides):
             continue
         gap, gamma, led = rows.amounts[0, g], rates[1, groups[0, g]], rates[2, groups[0, g]]
         turn = gamma - rates[5, groups[0, g]]
-        most = resolved if is_length(rows, g) else min(resolved, RESOLVED)
+        least, most = (slowest[0], resolved) if is_length(rows, g) else (slowest[1], min(resolved, RESOLVED))
         smooth = abs(turn - rates[6, groups[0, g]]) <= -SMOOTH * turn  # and turn < 0; not where some are NaN
         if smooth and -most < gamma < -_STILL and gap <= -_OPEN * timestep * turn:
             target[g] = max(min(-0.5 * turn, -gamma), -restitution * gamma) - max(gap, 0.0) / timestep
             continue
-        threshold = max(slowest, min(_ROUNDED * (gamma - led), most))
+        threshold = max(least, min(_ROUNDED * (gamma - led), most))
         if may[g] and gamma < -threshold and (gap <= 0.0 or gap + timestep * led < 0.0):
             collides[g] = some = True
             target[g] = -restitution * gamma

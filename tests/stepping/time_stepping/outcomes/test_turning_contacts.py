@@ -133,7 +133,7 @@ def _aim(gap, gamma, reached, turned):
     rates = np.array([1.0, gamma, gamma, 0.0, 0.0, reached, turned]).reshape(7, 1)
     rows = Rows(np.zeros((3, 1), np.int32), none, np.zeros(1), groups, np.zeros(1, np.int64), amounts, rates)
     found, which = np.empty(1), np.empty(1, bool)
-    some = for_python(aim)(rows, 1e-3, 0.5, REST_SPEED, RESOLVED, np.ones(1, bool), found, which)
+    some = for_python(aim)(rows, 1e-3, 0.5, (REST_SPEED, REST_SPEED), RESOLVED, np.ones(1, bool), found, which)
     assert some == which[0]
     return some, found[0]
 

@@ -85,6 +85,11 @@ def _collide(w, rows, tree, law, before, answer):
     return status, reply
 
 
+@plain
+def _slowest(w):
+    return setting(w, SETTING.rest_speed), setting(w, SETTING.rest_turn)
+
+
 @linked(SOLVED(WORLD, ROWS, INERTIA, NUMBERS, KNOWN, INTEGER, LAW, ANSWER, BOOLEAN))
 def solve(w, rows, metric, before, known, rounds, law, answer, scaled):
     """Solve the problem of these rows; groups may collide according to the answer, whose other fields are written.
@@ -96,7 +101,7 @@ def solve(w, rows, metric, before, known, rounds, law, answer, scaled):
     status, reply = FINE, 0
     resolved = RESOLVED * setting(w, SETTING.meter)
     collided = aim(
-        rows, w.timestep, 0.0 if np.isnan(e) else e, setting(w, SETTING.rest_speed), resolved, answer.may,
+        rows, w.timestep, 0.0 if np.isnan(e) else e, _slowest(w), resolved, answer.may,
         answer.target, answer.collides,
     )  # fmt: skip
     answer.bound[:] = False
@@ -133,7 +138,7 @@ def goes_on(w, rows, solved, answer):
     """Write which contacts are hit only through others; return whether there are any whose restitution is lost."""
     if not solved.collided or setting(w, SETTING.restitution) == 0.0:
         return False
-    slowest, resolved = setting(w, SETTING.rest_speed), RESOLVED * setting(w, SETTING.meter)
+    slowest, resolved = _slowest(w), RESOLVED * setting(w, SETTING.meter)
     return find_later(rows, answer.z, answer.x, answer.collides, slowest, resolved, answer.later)
 
 

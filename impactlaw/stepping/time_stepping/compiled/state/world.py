@@ -14,7 +14,7 @@ from impactlaw.stepping.compiled.whitening import Inertia
 class Settings(NamedTuple):
     """Options of the scheme, as indices of an array of numbers."""
 
-    rest_speed: int = 0  # least closing speed of a collision, m/s or rad/s
+    rest_speed: int = 0  # least closing speed of a collision, m/s
     sliding: int = 1  # tangential restitution
     exact: int = 2  # 1 for exact Coulomb friction, 0 for its convex relaxation
     # what to do with energy that a law would create: 1 to scale restitution, 0 to allow it, -1 to stop
@@ -34,6 +34,7 @@ class Settings(NamedTuple):
     touching: int = 16  # gap, m or rad, up to which bodies at rest touch
     # 1 if the law is asked in Python, 2 if it is also shown the closed contacts that a collision reaches; else 0
     asks: int = 17
+    rest_turn: int = 18  # least closing speed of a collision at limits of joints, m/s or rad/s
 
 
 SETTING = Settings()
