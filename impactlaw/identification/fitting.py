@@ -16,12 +16,10 @@ from impactlaw.identification.families import FAMILIES, Family, largest_friction
 from impactlaw.identification.intervals import matrix_intervals, parameter_intervals
 from impactlaw.identification.measurements import Measurements, of_contacts, rms
 from impactlaw.identification.restitution_matrix import MatrixFit
-from impactlaw.identification.searching import best_parameters
+from impactlaw.identification.searching import SOON, best_parameters
 from impactlaw.laws import Fremond, Law, RestitutionLaw, Scattered, energy_gain
 from impactlaw.laws.restitution.labels import canonical
 from impactlaw.mechanics.collision import Collision
-
-_SOON = 1.0  # s: folds that take less show no progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,7 +262,7 @@ def cross_validate(
     check_folds(folds, n)
     errors, fold_rms, parameters, fitted = [], [], [], _family(family, measured, projected=projected)
     parts = np.array_split(np.random.default_rng(seed).permutation(n), folds)
-    for part in tqdm(parts, desc=f"folds of {family}", leave=False, delay=_SOON, disable=None):
+    for part in tqdm(parts, desc=f"folds of {family}", leave=False, delay=SOON, disable=None):
         rest, held = measured.select(np.setdiff1d(np.arange(n), part)), measured.select(part)
         found = _fit(rest, fitted, admissible=False, projected=projected)
         own = held.errors(outcomes(found.law, held.collisions, found.parameters.get("friction"), found.largest))

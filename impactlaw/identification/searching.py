@@ -15,7 +15,7 @@ from impactlaw.identification.families import Family
 _SOLVED = 1e-16  # squared error per collision that needs no further search
 _LIMIT = 1e-6  # least distance of initial values from bounds
 _MOST_STARTS = 256  # most combinations of initial values that are tried: enough for eight contacts
-_SOON = 1.0  # s: a search that ends sooner shows no progress
+SOON = 1.0  # s: a search that ends sooner shows no progress, nor do folds
 _COMMON: dict[str, Any] = {"x_scale": 0.1, "gtol": 1e-12}
 # most steps of a search, each with a derivative; searches that converge take fewer
 _THOROUGH: dict[str, Any] = _COMMON | {"max_nfev": 30, "xtol": 1e-12, "ftol": 1e-14}
@@ -41,7 +41,7 @@ def best_parameters(residual: Residual, family: Family, collisions: int) -> np.n
     from scipy.optimize import least_squares
 
     low, high = np.array([(p.low, p.high) for p in family.parameters]).T
-    with tqdm(desc=f"fitting {family.name}", unit=" trials", leave=False, delay=_SOON, disable=None) as bar:
+    with tqdm(desc=f"fitting {family.name}", unit=" trials", leave=False, delay=SOON, disable=None) as bar:
 
         def errors(x: np.ndarray) -> np.ndarray:
             bar.update()

@@ -251,7 +251,7 @@ def test_a_family_with_local_minima_takes_few_trials_and_tells_them(monkeypatch)
     """Each trial integrates all collisions in time, which takes minutes where springs give little back."""
     trials, shown, predicted = [], StringIO(), Family.predicted
     shown.isatty = lambda: True
-    monkeypatch.setattr(searching, "_SOON", 0.0)
+    monkeypatch.setattr(searching, "SOON", 0.0)
     monkeypatch.setattr(sys, "stderr", shown)
     monkeypatch.setattr(Family, "predicted", lambda *given: trials.append(given[-1]) or predicted(*given))
     collisions = chain_collisions(10, masses=(1.0, 1.0, 1.0))
