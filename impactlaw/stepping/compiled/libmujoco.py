@@ -102,7 +102,7 @@ def _places() -> tuple[np.ndarray, np.ndarray]:
     """
     at = callbacks()
     first = int(at.min())
-    memory = (ctypes.c_size_t * ((int(at.max()) - first) // 8 + 1)).from_address(first)
+    memory: Any = (ctypes.c_size_t * ((int(at.max()) - first) // 8 + 1)).from_address(first)
     return np.frombuffer(memory, dtype=np.uintp), (at - first) // 8
 
 
