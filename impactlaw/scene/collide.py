@@ -1,4 +1,4 @@
-"""MuJoCo's collision detection, with corrected contacts of cylinders on planes and of geoms that touch along a line."""
+"""MuJoCo's collision detection, with corrected contacts of cylinders on faces and of geoms that touch along a line."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from impactlaw.errors import SceneError
 from impactlaw.scene.contacts import Contacts
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.scene.pairs import some_side_by_side
+from impactlaw.scene.tolerances import GAP_TOLERANCE
 
 _GEOM, _FULL = mujoco.mjtObj.mjOBJ_GEOM, int(mujoco.mjtWarning.mjWARN_CONTACTFULL)
 _PLANE, _CYLINDER, _CAPSULE, _BOX, *_PIECES = (
@@ -58,13 +59,16 @@ def collide(
     ``surfaces`` are those that move by themselves.
     """
     if stands and chosen is not None:
-        _find_standing(model, data, chosen, surfaces)
+        _find_upright(model, data)
     else:
         _find_contacts(model, data)
-    if chosen is None or data.ncon == 0 or not (chosen.on_faces or chosen.beside):
+    if chosen is None or data.ncon == 0:
         return
+    some = np.count_nonzero(chosen.is_cylinder[data.contact.geom])
+    if some:
+        _find_corners(model, data, surfaces)
     geoms = data.contact.geom
-    if chosen.on_faces and np.count_nonzero(chosen.is_cylinder[geoms]):
+    if chosen.on_faces and some:
         _compiled().meet_axes(*_shapes(model, data), geoms, data.contact.pos, data.contact.frame)
     if chosen.beside and _some_on_lines(chosen.lines, geoms):
         code, found = _compiled(), data.contact
@@ -80,12 +84,12 @@ def collide(
 def _compiled() -> SimpleNamespace:
     """Return the compiled code that corrects contacts, which reading other scenes should not load."""
     from impactlaw.compiled import for_python
-    from impactlaw.scene.corrected.rounding import align, measure_standing, meet_axes
+    from impactlaw.scene.corrected.rounding import align, meet_axes
     from impactlaw.scene.corrected.side_by_side import END, find_ends, room
-    from impactlaw.scene.corrected.standing import turn_standing
+    from impactlaw.scene.corrected.standing import ROOM, find_corners, some_stand
 
-    parts = {part.__name__: for_python(part) for part in (measure_standing, turn_standing, meet_axes, find_ends)}
-    return SimpleNamespace(align=align, END=END, room=room.py_func, **parts)
+    parts = {part.__name__: for_python(part) for part in (align, meet_axes, some_stand, find_corners, find_ends)}
+    return SimpleNamespace(END=END, ROOM=ROOM, room=room.py_func, **parts)
 
 
 def _some_on_lines(lines: tuple[int, ...], geoms: np.ndarray) -> bool:
@@ -102,50 +106,37 @@ def _shapes(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarray, ...
     return model.geom_type, model.geom_size, data.geom_xpos, data.geom_xmat
 
 
-def _find_standing(
-    model: mujoco.MjModel, data: mujoco.MjData, chosen: CorrectedGeoms, surfaces: Surfaces | None
-) -> None:
-    """Find contacts, those of cylinders that stand on planes in the right places, with the right distances."""
-    code, frames = _compiled(), data.geom_xmat.copy()
-    try:  # so that MuJoCo finds contacts of upright ones
-        standing = code.align(chosen.planes, chosen.cylinders, model.geom_size, data.geom_xmat)
+def _find_upright(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Find contacts, also those of cylinders that are upright on planes up to rounding, which MuJoCo can miss."""
+    frames = data.geom_xmat.copy()
+    try:
+        _compiled().align(model.geom_type, data.geom_xmat)
         _find_contacts(model, data)
     finally:
         data.geom_xmat[:] = frames
-    if data.ncon == 0:
+
+
+def _find_corners(model: mujoco.MjModel, data: mujoco.MjData, surfaces: Surfaces | None) -> None:
+    """Give cylinders that stand or rock on flat faces the corners of their ends; see `corrected.standing`.
+
+    All corners are found where one is near, so that event-driven steps know each of them from look to look.
+    """
+    code, found, shapes, gravity = _compiled(), data.contact, _shapes(model, data), model.opt.gravity
+    geoms, points, frames = found.geom, found.pos, found.frame
+    if not code.some_stand(shapes, geoms, frames, gravity):
         return
-    if len(standing):
-        _find_corners(model, data, standing, surfaces)
-    found = data.contact
-    code.measure_standing(*_shapes(model, data), found.geom, found.dist, found.pos, found.frame)
-
-
-def _find_corners(model: mujoco.MjModel, data: mujoco.MjData, standing: np.ndarray, surfaces: Surfaces | None) -> None:
-    """Give cylinders that stand on planes, (k, 2), four contacts; see `corrected.standing`."""
     mujoco.mj_comVel(model, data)
-    _, size, place, turn = _shapes(model, data)
-    for pair in standing:
-        found, motion = data.contact, _motion(model, data, pair, surfaces)
-        points = found.pos
-        first = _compiled().turn_standing(pair, size, place, turn, found.geom, points, motion, model.opt.gravity)
-        if first < 0:
-            continue
-        opposite = points[first + 1] + points[first + 2] - points[first]
-        if mujoco.mj_addContact(model, data, found[first]):
-            raise _no_room(data)
-        data.contact[data.ncon - 1].pos = opposite
-
-
-def _motion(model: mujoco.MjModel, data: mujoco.MjData, pair: np.ndarray, surfaces: Surfaces | None) -> np.ndarray:
-    """Return angular velocity and velocity of a cylinder, rad/s and m/s, (6,), relative to a plane; cvel is current."""
-    plane, own = pair.tolist()
-    moves = np.empty(6)
-    mujoco.mj_objectVelocity(model, data, _GEOM, own, moves, 0)
+    motion = np.zeros((data.ncon, 6))
     if surfaces is not None and (surfaces.move or surfaces.run):
-        place, normal = data.geom_xpos[own], data.geom_xmat[plane].reshape(3, 3)[:, 2]
-        motion = surfaces.motion(data, Contacts((), pair[None], np.zeros(1), place[None], normal[None]))
-        moves += np.append(motion.spin + motion.belt_spin, motion.velocity + motion.belt)
-    return moves
+        own = surfaces.motion(data, Contacts((), geoms, np.zeros(data.ncon), points, frames[:, :3]))
+        motion[:, :3], motion[:, 3:] = own.spin + own.belt_spin, own.velocity + own.belt
+    bodies = model.geom_bodyid, model.body_rootid, data.cvel, data.subtree_com
+    owner, added = np.empty(code.ROOM * data.ncon, np.int64), np.empty((code.ROOM * data.ncon, code.END))
+    _, many = code.find_corners(
+        shapes, bodies, geoms, np.full(data.ncon, np.inf), found.dist, points, frames,
+        motion, gravity, 0.5 * GAP_TOLERANCE, owner, added,
+    )  # fmt: skip
+    _add(model, data, owner[:many], added)
 
 
 def _add(model: mujoco.MjModel, data: mujoco.MjData, owner: np.ndarray, places: np.ndarray) -> None:

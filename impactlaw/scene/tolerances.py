@@ -15,7 +15,6 @@ NO_LEVER = 1e-10  # the same, relative to the longest lever arm of the contact p
 SHORT = 1e-8  # length of a gap gradient, m or without unit, up to which it may be rounding
 ORTHOGONAL = 1e-12  # scalar product of unit vectors up to which they are orthogonal
 UPRIGHT = 1e-10  # sine of the tilt up to which a cylinder on a plane has an axis along the normal
-STANDS = 1.0 - 1e-6  # cosine of the tilt up to which its distance is measured again; MuJoCo measures larger tilts well
 ROUNDED = 1e-13  # m: largest error of a distance that is left as it is
 MISSES_AXIS = 5e-2  # distance, relative to the radius, by which the normal of a contact may miss a cylinder's axis
 SAME_NORMAL = 1e-9  # difference of normals up to which points are on one face

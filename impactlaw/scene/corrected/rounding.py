@@ -4,10 +4,6 @@ Contact frames are made orthogonal, so that friction acts in the tangent plane. 
 contact between a capsule and a plane with the axis of the capsule. If the axis is the normal, this tangent consists of
 rounding errors and has a normal part. Friction would then act like a normal impulse.
 
-Distances of cylinders that stand on a plane are measured again. MuJoCo looks for the lowest point of the rim. If the
-axis is tilted by an angle a from the normal, the height of that point has an error of some 1e-16 / a times the radius:
-a cylinder at rest on its face would be lifted and dropped, and may have no contact at all.
-
 The normal of a contact on the side or the rim of a cylinder meets its axis. MuJoCo's points on faces of boxes and
 meshes miss it by up to a percent of the radius, since all points nearby are almost equally near. A cylinder that lies
 on a table would roll away, and one whose rim hits a wall would spin: its contact points are moved to where the normal
@@ -19,22 +15,13 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from impactlaw.compiled import compiled
-from impactlaw.scene.tolerances import (
-    GAP_TOLERANCE,
-    MISSES_AXIS,
-    ORTHOGONAL,
-    PARALLEL,
-    ROUNDED,
-    SAME_NORMAL,
-    STANDS,
-    UPRIGHT,
-)
+from impactlaw.scene.tolerances import MISSES_AXIS, ORTHOGONAL, PARALLEL, ROUNDED, SAME_NORMAL, UPRIGHT
 from impactlaw.solvers.cones.algebra.loops import plain
 from impactlaw.solvers.cones.algebra.vectors import across, axis_of, cross, dot, minus, plus, row, times, unit, write
 
-_PLANE, _CYLINDER = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
-_BOX, _MESH, _FIELD = (int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("BOX", "MESH", "HFIELD"))
+_PLANE, _CYLINDER, _BOX, _MESH, _FIELD = (
+    int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("PLANE", "CYLINDER", "BOX", "MESH", "HFIELD")
+)
 
 
 @plain
@@ -70,42 +57,6 @@ def make_orthogonal(frame):
 
 
 @plain
-def measure_standing(kind, size, place, turn, geom, dist, pos, frame):
-    """Measure again the gaps of cylinders that stand on planes, at the points of their rims; move the points halfway.
-
-    Return whether any gap changes.
-
-    Args:
-        kind: types of geoms, (ngeom,).
-        size: their sizes, m, (ngeom, 3).
-        place: their positions, m, (ngeom, 3).
-        turn: their rotation matrices, (ngeom, 9).
-        geom: geoms of contacts, the plane first, (ncon, 2).
-        dist: gaps, m, (ncon,); written.
-        pos: contact points, m, (ncon, 3); written.
-        frame: frames with normals first, at least (ncon, 3).
-    """
-    changed = False
-    for k in range(len(dist)):
-        plane, own = geom[k, 0], geom[k, 1]
-        if plane < 0 or own < 0 or kind[plane] != _PLANE or kind[own] != _CYLINDER:
-            continue
-        axis, normal, center = axis_of(turn, own, 2), row(frame, k), row(place, own)
-        arm, cosine = minus(row(pos, k), center), dot(axis, normal)
-        if abs(cosine) < STANDS:
-            continue
-        along, out = dot(axis, arm), across(arm, axis)
-        scale = size[own, 0] / np.sqrt(dot(out, out))
-        end = np.sign(along) * size[own, 1] - scale * along
-        point = plus(plus(center, end, axis), scale, arm)
-        gap = dot(minus(point, row(place, plane)), normal)
-        if abs(gap - dist[k]) > ROUNDED:
-            changed, dist[k] = True, gap
-            write(plus(point, -0.5 * gap, normal), pos[k])
-    return changed
-
-
-@plain
 def _is_on_face(kind, turn, geom, frame, k, other):
     """Return whether a contact is one of several on a face of the geom ``other``; the normals of edges are vague."""
     for j in (k - 1, k + 1):
@@ -135,8 +86,16 @@ def _is_inside_face(size, place, turn, other, pos, frame, k, edge):
 def meet_axes(kind, size, place, turn, geom, pos, frame):
     """Move contact points of cylinders on faces along these so that normals meet the axes.
 
-    Return whether any moves. Contacts of the flat ends of cylinders stay as they are. For the arguments see
-    `measure_standing`; ``pos`` is written.
+    Return whether any moves. Contacts of the flat ends of cylinders stay as they are.
+
+    Args:
+        kind: types of geoms, (ngeom,).
+        size: their sizes, m, (ngeom, 3).
+        place: their positions, m, (ngeom, 3).
+        turn: their rotation matrices, (ngeom, 9).
+        geom: geoms of contacts, (ncon, 2).
+        pos: contact points, m, (ncon, 3); written.
+        frame: frames with normals first, at least (ncon, 3).
     """
     moved = False
     for k in range(len(pos)):
@@ -163,29 +122,19 @@ def meet_axes(kind, size, place, turn, geom, pos, frame):
 
 
 @plain
-def upright(turn, plane, own, least):
-    """Return 1 if a cylinder's axis is the normal of a plane, -1 if it is the opposite, 0 if the cylinder is tilted.
-
-    It counts as tilted from a tilt whose sine is ``least``.
-    """
-    normal, axis = axis_of(turn, plane, 2), axis_of(turn, own, 2)
-    cosine, tilt = dot(normal, axis), across(axis, normal)
-    return np.sign(cosine) if dot(tilt, tilt) < least * least else 0.0
-
-
-@compiled()
-def align(planes, cylinders, size, turn):
+def align(kind, turn):
     """Turn the axes of cylinders into the normal of a plane if the angle between them is no more than rounding.
 
-    Return the planes and cylinders, (k, 2), that touch with the whole rim, if at all.
+    MuJoCo looks for the lowest point of the rim. If the axis is tilted by an angle a, the height of that point has an
+    error of some 1e-16 / a times the radius: a cylinder at rest on its face may have no contact at all.
+
+    Args:
+        kind: types of geoms, (ngeom,).
+        turn: their rotation matrices, (ngeom, 9); written.
     """
-    standing, count = np.empty((len(planes) * len(cylinders), 2), np.int32), 0
-    for plane in planes:
-        for own in cylinders:
-            if upright(turn, plane, own, 0.5 * GAP_TOLERANCE / size[own, 0]) == 0.0:
-                continue
-            standing[count, 0], standing[count, 1] = plane, own
-            count, sign = count + 1, upright(turn, plane, own, UPRIGHT)
-            for i in range(3 if sign != 0.0 else 0):
-                turn[own, 3 * i + 2] = sign * turn[plane, 3 * i + 2]
-    return standing[:count]
+    for plane in range(len(kind)):
+        for own in range(len(kind) if kind[plane] == _PLANE else 0):
+            axis, normal = axis_of(turn, own, 2), axis_of(turn, plane, 2)
+            tilt, sign = across(axis, normal), np.sign(dot(axis, normal))
+            for i in range(3 if kind[own] == _CYLINDER and dot(tilt, tilt) < UPRIGHT * UPRIGHT else 0):
+                turn[own, 3 * i + 2] = sign * normal[i]

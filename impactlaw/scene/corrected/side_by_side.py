@@ -20,6 +20,7 @@ import numpy as np
 
 from impactlaw.scene.corrected.edge_on_face import END, other_end, write_place
 from impactlaw.scene.corrected.face_on_face import CORNERS, corners_of_faces
+from impactlaw.scene.corrected.standing import stand
 from impactlaw.scene.tolerances import CROSSED, CROSSES, SHORT_LINE, SIDE_BY_SIDE, SUNK_IN, THIN_LINE
 from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain, put
 from impactlaw.solvers.cones.algebra.vectors import across, axis_of, dot, minus, plus, row, times, unit
@@ -285,6 +286,8 @@ def find_ends(shapes, geom, reach, dist, pos, frame, owner, added):
         several = turn > 0 or _is_again(geom, k + 1)
         both = several and one >= 0 and other >= 0 and kind[one] == CAPSULE and kind[other] == CAPSULE
         ends = more = 0
+        if stand(shapes, geom[k], frame[k], (0.0, 0.0, 0.0))[0] >= 0:
+            continue
         if _can_lie(kind, one, other) and not both:
             ends = _write_ends(shapes, one, other, not several, first, second)
         elif _are_boxes(kind, one, other) and not several:

@@ -5,7 +5,7 @@ nearest point of two geoms may therefore be missing. It then replaces one of the
 takes faces for parallel that are not quite so: it gives an edge beside the common part of these faces the normal of one
 of them, which is wrong by up to 5 degrees. Cylinders and boxes that touch along a line get a contact at each of its
 ends, see `scene.corrected.side_by_side` and `edge_on_face`; boxes that lie on each other one at each corner, see
-`face_on_face`; and cylinders that rock on a plane one at the point on which they land, see `standing`.
+`face_on_face`; and cylinders that stand or rock on flat faces the corners of their ends, see `standing`.
 """
 
 from __future__ import annotations
@@ -15,13 +15,18 @@ import numpy as np
 
 from impactlaw.linked import linked
 from impactlaw.scene.corrected.side_by_side import END, find_ends, room, some_can_lie
-from impactlaw.scene.corrected.standing import find_opposite
+from impactlaw.scene.corrected.standing import ROOM, some_stand, stand
 from impactlaw.scene.tolerances import APART, PARALLEL
 from impactlaw.solvers.cones.algebra.loops import kernel, numbers, plain
 from impactlaw.solvers.cones.algebra.vectors import across, cross, dot, minus, plus, row, unit, write
 from impactlaw.stepping.compiled import libmujoco as mj
 from impactlaw.stepping.compiled.access import contact_floats, contacts_of, model_floats, shapes_of
 from impactlaw.stepping.compiled.fields import CONTACT, MODEL, address_of, floats, ints, keep
+from impactlaw.stepping.time_stepping.compiled.detection.standing_cylinders import (
+    corners_of,
+    gravity_of,
+    leave_open_out,
+)
 from impactlaw.stepping.time_stepping.compiled.state.kinds import BOOLEAN, WORLD
 from impactlaw.stepping.time_stepping.compiled.state.world import SETTING, setting
 
@@ -118,6 +123,8 @@ def _add_nearest(w):
             least, most, end = min(least, dist[end]), max(most, dist[end]), end + 1
         if not _can_miss(shape[one], shape[other], end - first, most - least):
             continue
+        if stand(shapes_of(w), geom[first], frame[first], gravity_of(w))[0] >= 0:
+            continue
         reach = 0.5 * (margin[one] + margin[other])
         bound, found = min(least - _MISSED, reach), min(least + abs(least) + _MISSED, reach)
         gap = mj.geom_distance(w.model, w.data, one, other, max(found, APART), address_of(segment))
@@ -182,13 +189,17 @@ def _add_ends(w):
 
 
 @kernel
-def _add_opposite(w):
-    """Give cylinders on planes the contacts on which they will land; return whether there are any."""
-    (_, pos, frame, geom), reach = contacts_of(w), contact_floats(w, CONTACT.includemargin, 1)[:, 0]
-    owner, added = np.empty(len(geom), np.int64), numbers(END * len(geom)).reshape((len(geom), END))
-    many = find_opposite(shapes_of(w), geom, reach, pos, frame, owner, added)
+def _add_corners(w):
+    """Give cylinders that stand or rock on flat faces the corners of their ends; return whether there are any."""
+    _, _, frame, geom = contacts_of(w)
+    if not some_stand(shapes_of(w), geom, frame, gravity_of(w)):
+        return False
+    most = ROOM * len(geom)
+    owner, added = np.empty(most, np.int64), numbers(END * most).reshape((most, END))
+    some, many = corners_of(w, owner, added)
     _add(w, owner[:many], added)
-    return many > 0
+    leave_open_out(w)
+    return some
 
 
 @linked(BOOLEAN(WORLD))
@@ -197,6 +208,6 @@ def find_nearest(w):
 
     Rows of constraints must be made again if so.
     """
-    some = _add_nearest(w)
-    some = (setting(w, SETTING.stands) != 0.0 and _add_opposite(w)) or some
+    some = _add_corners(w)
+    some = _add_nearest(w) or some
     return (setting(w, SETTING.beside) != 0.0 and _add_ends(w)) or some
