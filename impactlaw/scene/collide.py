@@ -133,7 +133,7 @@ def _find_corners(model: mujoco.MjModel, data: mujoco.MjData, surfaces: Surfaces
     bodies = model.geom_bodyid, model.body_rootid, data.cvel, data.subtree_com
     owner, added = np.empty(code.ROOM * data.ncon, np.int64), np.empty((code.ROOM * data.ncon, code.END))
     _, many = code.find_corners(
-        shapes, bodies, geoms, np.full(data.ncon, np.inf), found.dist, points, frames,
+        shapes, bodies, geoms, found.includemargin, found.dist, points, frames,
         motion, gravity, 0.5 * GAP_TOLERANCE, owner, added,
     )  # fmt: skip
     _add(model, data, owner[:many], added)

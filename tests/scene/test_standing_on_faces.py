@@ -148,3 +148,37 @@ def test_contacts_reach_as_far_as_the_end_on_the_face_where_gravity_tips_the_cyl
         assert short.min() > -1e-5  # no contact is beside the part, and arcs have a contact at least at each quarter
         assert short.max() <= (1.0 - np.sqrt(0.5)) * max(radius, 0.05)
     assert some > 40
+
+
+def test_no_contact_of_a_tilted_end_is_deeper_than_the_end_above_the_face():
+    """The end is in part beyond the face; its points above the face are on a rim and on lines along edges."""
+    random, seen = np.random.default_rng(5), 0
+    half, (x, y), part = 0.04, (0.05, 0.03), np.linspace(0.0, 1.0, 100001)[:, None]
+    corners = np.array([[x, y], [-x, y], [-x, -y], [x, -y], [x, y]])
+    edges = np.vstack([a + part * (b - a) for a, b in zip(corners[:-1], corners[1:], strict=True)])
+    for _ in range(60):
+        radius, tilt, way = random.uniform(0.02, 0.06), random.uniform(0.0, 0.13), random.uniform(0.0, 6.3)
+        side = np.array([np.cos(way), np.sin(way), 0.0])
+        across, axis = np.cross([0.0, 0.0, 1.0], side), np.cos(tilt) * np.array([0, 0, 1]) - np.sin(tilt) * side
+        middle = np.append(random.uniform(-0.05, 0.05, 2), 0.0)
+        around = np.linspace(0.0, 2.0 * np.pi, 100001)[:, None]
+        rim = middle + radius * (np.cos(around) * np.cross(across, axis) + np.sin(around) * across)
+        rim = rim[(np.abs(rim[:, :2]) <= (x, y)).all(axis=1)]
+        above = np.column_stack([edges, (edges - middle[:2]) @ -axis[:2] / axis[2]])
+        points = np.vstack([rim, above[np.linalg.norm(above - middle, axis=1) <= radius]])
+        if not len(points):
+            continue
+        center = middle + half * axis - [0.0, 0.0, points[:, 2].min()]
+        model = mujoco.MjModel.from_xml_string(
+            f"""<mujoco><worldbody><geom type="box" size="{x} {y} .1" pos="0 0 -.1"/>
+            <body pos="{center[0]} {center[1]} {center[2]}" zaxis="{axis[0]} {axis[1]} {axis[2]}"><freejoint/>
+            <geom type="cylinder" size="{radius} {half}"/></body></worldbody></mujoco>"""
+        )
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        contacts = read_contacts(model, data, within=1e-3)
+        assert contacts.gap.min() == pytest.approx(-1e-6, abs=2e-7)  # at 1e-6 m convex geoms touch
+        closed = np.abs(contacts.position[contacts.gap < 1e-5, :2])
+        assert (closed <= np.array([x, y]) + 1e-6).all()
+        seen += 1
+    assert seen > 40

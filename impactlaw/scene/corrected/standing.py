@@ -128,22 +128,30 @@ def _add(point, points, count):
 
 
 @plain
-def _cut_box(shapes, base, normal, middle, radius, points, count):
-    """Add the ends of those edges of a face of a box that are below a rim, or of their parts there.
+def _in_end(vector, axis, normal):
+    """Return a vector moved along the normal of a face into the plane of an end with this axis."""
+    return plus(vector, -dot(vector, axis) / dot(normal, axis), normal)
+
+
+@plain
+def _cut_box(shapes, base, normal, axis, middle, radius, points, count):
+    """Add the points of an end above both ends of those edges of a face of a box, or of their parts, that are below it.
 
     ``middle`` is that of the rim, seen from the middle of the box.
     """
     (_, size, _, turn), face = shapes, face_along(shapes[3], base, normal)[0]
     for way in range(2):
         i, j = (face + 1 + way) % 3, (face + 2 - way) % 3
-        out, along = axis_of(turn, base, i), axis_of(turn, base, j)
+        along = _in_end(axis_of(turn, base, j), axis, normal)
+        square = dot(along, along)
         for sign in (-1.0, 1.0):
-            edge, at = sign * size[base, i], dot(along, middle)
-            room = radius * radius - (edge - dot(out, middle)) ** 2
+            start = _in_end(minus(times(sign * size[base, i], axis_of(turn, base, i)), middle), axis, normal)
+            at = -dot(start, along) / square
+            room = at * at + (radius * radius - dot(start, start)) / square
             low, high = at - np.sqrt(max(room, 0.0)), at + np.sqrt(max(room, 0.0))
             if room <= 0.0 or low >= size[base, j] or high <= -size[base, j]:
                 continue
-            start = plus(plus(middle, edge - dot(out, middle), out), -at, along)
+            start = plus(start, 1.0, middle)
             if way == 0 or low > -size[base, j]:  # a corner of the face ends two edges
                 count = _add(plus(start, max(low, -size[base, j]), along), points, count)
             if way == 0 or high < size[base, j]:
@@ -152,15 +160,15 @@ def _cut_box(shapes, base, normal, middle, radius, points, count):
 
 
 @plain
-def _cut_end(normal, rim, middle, radius, to, points, count):
-    """Add points of the end of another cylinder below a rim: where both rims cross, and corners of a square on it.
+def _cut_end(normal, axis, rim, middle, radius, to, points, count):
+    """Add points of an end above that of another cylinder: where both rims cross, and corners of a square on the other.
 
-    ``rim`` is the radius of that end, m; ``middle`` is that of the upper rim, seen from the middle of that geom.
+    ``rim`` is the radius of the other end, m; ``middle`` is that of the upper rim, seen from the middle of that geom.
     """
-    aside, beside = unit(across(to, normal)), across(middle, normal)
+    aside, beside, begun = unit(across(to, normal)), across(middle, normal), count
     for turn in range(4):
         corner = times(rim if turn < 2 else -rim, aside if turn % 2 == 0 else cross(normal, aside))
-        if length(minus(corner, beside)) < (1.0 - _SAME) * radius:
+        if length(_in_end(minus(corner, middle), axis, normal)) < (1.0 - _SAME) * radius:
             count = _add(corner, points, count)
     far = length(beside)
     if abs(rim - radius) + _SAME * rim < far < rim + radius:
@@ -168,6 +176,9 @@ def _cut_end(normal, rim, middle, radius, to, points, count):
         along, half = unit(beside), np.sqrt(max(rim * rim - at * at, 0.0))
         for sign in (-half, half):
             count = _add(plus(times(at, along), sign, cross(normal, along)), points, count)
+    for k in range(begun, count):  # the rims are crossed as if they were parallel
+        arm = _in_end(minus((points[k, 1], points[k, 2], points[k, 3]), middle), axis, normal)
+        _add(plus(middle, min(1.0, radius / length(arm)), arm), points, k)
     return count
 
 
@@ -199,12 +210,9 @@ def _write_corners(shapes, upon, toward, reach, moves, gravity, flat, points):
     rest, height = many, 0.0
     if kind[base] == _BOX:
         face = face_along(turn, base, normal)[0]
-        height, many = size[base, face], _cut_box(shapes, base, normal, middle, radius, points, many)
+        height, many = size[base, face], _cut_box(shapes, base, normal, axis, middle, radius, points, many)
     elif kind[base] == _CYLINDER:
-        height, many = size[base, 1], _cut_end(normal, size[base, 0], middle, radius, to, points, many)
-    for k in range(rest, many):  # these are on the face, or below it: up to the end
-        point = points[k, 1], points[k, 2], points[k, 3]
-        _add(plus(point, dot(minus(middle, point), axis) / dot(axis, normal), normal), points, k)
+        height, many = size[base, 1], _cut_end(normal, axis, size[base, 0], middle, radius, to, points, many)
     up = normal
     if _measure(normal, height, points[:many]) >= rest:  # an edge of the face touches the end
         up = times(np.copysign(1.0, dot(axis, normal)), axis)

@@ -95,7 +95,7 @@ def refound(known: np.ndarray, held: np.ndarray, contact_set: ContactSet, phase:
     return known
 
 
-def kept_on_faces(found: Matched, before: Matched, held: np.ndarray) -> np.ndarray:
+def kept_on_faces(found: Matched, before: Matched, held: np.ndarray, tolerance: float) -> np.ndarray:
     """Return the indices of contacts after a correction of position: those on common faces go on as before it.
 
     Bodies that lie flat on each other have other points of contact after a correction by a nanometer, among them some
@@ -107,7 +107,8 @@ def kept_on_faces(found: Matched, before: Matched, held: np.ndarray) -> np.ndarr
     if not np.count_nonzero(now.pattern.vague):
         return known
     known = known.copy()
-    for one in np.flatnonzero(now.pattern.vague & ~among(known, held)):
+    near = now.gap <= _SAME_POINT * tolerance  # others are open, and perhaps not seen before the correction
+    for one in np.flatnonzero(now.pattern.vague & near & ~among(known, held)):
         same = np.flatnonzero(last.pattern.key == now.pattern.key[one])
         if len(same):
             away = np.linalg.norm(last.contacts.position[same] - now.contacts.position[one], axis=1)

@@ -308,7 +308,7 @@ class SmoothPhases:
             self.work.look(len(now.gap))
             if now.pattern is not before.now.pattern or not now.pattern.distinct:
                 known = refound(match(now.contact_set, phase), held, now.contact_set, phase)
-                known = kept_on_faces(Matched(now, known), before, held)
+                known = kept_on_faces(Matched(now, known), before, held, phase.tolerance)
             before = Matched(now, known)
             return before
 
