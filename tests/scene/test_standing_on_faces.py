@@ -1,5 +1,7 @@
 """Cylinders that stand, slide, tip and rock on boxes and on each other, as on planes."""
 
+from itertools import pairwise
+
 import mujoco
 import numpy as np
 import pytest
@@ -153,15 +155,15 @@ def test_contacts_reach_as_far_as_the_end_on_the_face_where_gravity_tips_the_cyl
 def test_no_contact_of_a_tilted_end_is_deeper_than_the_end_above_the_face():
     """The end is in part beyond the face; its points above the face are on a rim and on lines along edges."""
     random, seen = np.random.default_rng(5), 0
-    half, (x, y), part = 0.04, (0.05, 0.03), np.linspace(0.0, 1.0, 100001)[:, None]
+    half, (x, y), part = 0.04, (0.05, 0.03), np.linspace(0.0, 1.0, 50001)[:, None]
     corners = np.array([[x, y], [-x, y], [-x, -y], [x, -y], [x, y]])
-    edges = np.vstack([a + part * (b - a) for a, b in zip(corners[:-1], corners[1:], strict=True)])
-    for _ in range(60):
+    edges = np.vstack([a + part * (b - a) for a, b in pairwise(corners)])
+    for _ in range(30):
         radius, tilt, way = random.uniform(0.02, 0.06), random.uniform(0.0, 0.13), random.uniform(0.0, 6.3)
         side = np.array([np.cos(way), np.sin(way), 0.0])
         across, axis = np.cross([0.0, 0.0, 1.0], side), np.cos(tilt) * np.array([0, 0, 1]) - np.sin(tilt) * side
         middle = np.append(random.uniform(-0.05, 0.05, 2), 0.0)
-        around = np.linspace(0.0, 2.0 * np.pi, 100001)[:, None]
+        around = np.linspace(0.0, 2.0 * np.pi, 50001)[:, None]
         rim = middle + radius * (np.cos(around) * np.cross(across, axis) + np.sin(around) * across)
         rim = rim[(np.abs(rim[:, :2]) <= (x, y)).all(axis=1)]
         above = np.column_stack([edges, (edges - middle[:2]) @ -axis[:2] / axis[2]])
@@ -177,8 +179,8 @@ def test_no_contact_of_a_tilted_end_is_deeper_than_the_end_above_the_face():
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         contacts = read_contacts(model, data, within=1e-3)
-        assert contacts.gap.min() == pytest.approx(-1e-6, abs=2e-7)  # at 1e-6 m convex geoms touch
+        assert contacts.gap.min() == pytest.approx(-1e-6, abs=3e-7)  # at 1e-6 m convex geoms touch
         closed = np.abs(contacts.position[contacts.gap < 1e-5, :2])
         assert (closed <= np.array([x, y]) + 1e-6).all()
         seen += 1
-    assert seen > 40
+    assert seen > 20

@@ -128,13 +128,17 @@ def align(kind, turn):
     MuJoCo looks for the lowest point of the rim. If the axis is tilted by an angle a, the height of that point has an
     error of some 1e-16 / a times the radius: a cylinder at rest on its face may have no contact at all.
 
+    Return whether any axis is turned.
+
     Args:
         kind: types of geoms, (ngeom,).
         turn: their rotation matrices, (ngeom, 9); written.
     """
+    some = False
     for plane in range(len(kind)):
         for own in range(len(kind) if kind[plane] == _PLANE else 0):
             axis, normal = axis_of(turn, own, 2), axis_of(turn, plane, 2)
             tilt, sign = across(axis, normal), np.sign(dot(axis, normal))
             for i in range(3 if kind[own] == _CYLINDER and dot(tilt, tilt) < UPRIGHT * UPRIGHT else 0):
-                turn[own, 3 * i + 2] = sign * normal[i]
+                some, turn[own, 3 * i + 2] = True, sign * normal[i]
+    return some

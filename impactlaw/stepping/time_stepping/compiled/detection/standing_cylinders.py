@@ -48,12 +48,12 @@ def find_standing(w, found):
         return False
     kept, (kind, _, _, turn) = numbers(9 * size(w, MODEL.ngeom) if aligns else 0), shapes_of(w)
     put(kept, data_floats(w, DATA.geom_xmat, len(kept)))
-    if aligns:
-        align(kind, turn)
-    mj.collision(w.model, w.data)
+    turned = aligns and align(kind, turn)
+    if turned or not found:
+        mj.collision(w.model, w.data)
     put(data_floats(w, DATA.geom_xmat, len(kept)), kept)
     keep(kept)
-    return found
+    return found and turned
 
 
 @kernel
