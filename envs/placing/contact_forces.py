@@ -10,6 +10,7 @@ import numpy as np
 from impactlaw.mechanics.friction_impact import FrictionImpact
 from impactlaw.scene.contacts import Contacts
 from impactlaw.scene.friction_rows import friction_on_contacts
+from impactlaw.scratch import Scratch
 from impactlaw.stepping.impact_event import ImpactEvent
 
 
@@ -28,7 +29,7 @@ class ContactForces:
     def __init__(self, model: mujoco.MjModel, *, rigid: bool):
         self._model, self._rigid = model, rigid
         self._sum, self._steps = np.zeros((model.nbody, 6)), 0
-        self._then = mujoco.MjData(model)
+        self._then = Scratch(model)
 
     def clear(self) -> None:
         """Clear the sums, at the start of an environment step."""
@@ -54,7 +55,7 @@ class ContactForces:
 
     def _impulses(self, data: mujoco.MjData, event: ImpactEvent) -> np.ndarray:
         """Return the impulses on bodies in a collision, (nbody, 6), about the centers of mass at that time."""
-        model, then, impact = self._model, self._then, event.impact
+        model, then, impact = self._model, self._then.data, event.impact
         then.qpos[:], then.mocap_pos[:], then.mocap_quat[:] = event.qpos, data.mocap_pos, data.mocap_quat
         mujoco.mj_kinematics(model, then)
         mujoco.mj_comPos(model, then)

@@ -21,6 +21,7 @@ from impactlaw.scene.equality_constraints import bilateral_constraints, bilatera
 from impactlaw.scene.friction_rows import active_friction
 from impactlaw.scene.joint_limits import Limits
 from impactlaw.scene.moving_surfaces import Surfaces
+from impactlaw.scratch import Scratch
 from impactlaw.solvers.friction.solve import THOROUGH
 from impactlaw.stepping.collisions import Closed, Collider, kinetic_metric
 from impactlaw.stepping.impact_event import ImpactEvent
@@ -79,7 +80,7 @@ class Collisions:
         self.unlocated = self.short_steps = 0
         self._mass = float(model.body_mass[model.body_weldid > 0].sum())
         self._work = Work(model.nv, WORK, rounds=THOROUGH, once=True)
-        self._earlier: mujoco.MjData | None = None
+        self._earlier = Scratch(model)
 
     @property
     def rest_speed(self) -> float:
@@ -268,8 +269,7 @@ class Collisions:
         if not len(deep):
             return approach
         if before is None:
-            self._earlier = self._earlier or mujoco.MjData(self.model)
-            before = pairs_before(self.model, data, self._earlier)
+            before = pairs_before(self.model, data, self._earlier.data)
         before = np.sort(before, axis=1)
         approach[[i for i in deep if not (before == geoms[i]).all(axis=1).any()]] = self.rest_speed
         return approach

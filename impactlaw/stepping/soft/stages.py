@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 
 from impactlaw.scene.contacts import closes, row_velocities
+from impactlaw.scratch import Scratch
 from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.soft.collisions import NOTHING, VELOCITY, Collisions
 from impactlaw.stepping.soft.without_new_contacts import (
@@ -35,7 +36,7 @@ class Stages:
     def __init__(self, model: mujoco.MjModel):
         self._model = model
         self._before = np.empty(mujoco.mj_stateSize(model, _STATE))
-        self._trial: mujoco.MjData | None = None
+        self._trial = Scratch(model)
 
     def advance(self, data: mujoco.MjData, collisions: Collisions, *, touches: bool) -> tuple[ImpactEvent, ...]:
         """Advance by RK4 after `mj_forward`; return the collisions in which the step ends.
@@ -67,15 +68,13 @@ class Stages:
 
     def _at_start(self, start: tuple[np.ndarray, ...]) -> mujoco.MjData:
         """Return other data as at the start of the step; see `keep_start`."""
-        model = self._model
-        if self._trial is None:
-            self._trial = mujoco.MjData(model)
-        mujoco.mj_setState(model, self._trial, self._before, _STATE)
+        model, trial = self._model, self._trial.data
+        mujoco.mj_setState(model, trial, self._before, _STATE)
         if is_plain(model):
-            put_start(self._trial, start)
+            put_start(trial, start)
         else:
-            _update(model, self._trial)
-        return self._trial
+            _update(model, trial)
+        return trial
 
     def _collide_at_end(
         self,

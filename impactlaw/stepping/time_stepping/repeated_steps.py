@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
+from impactlaw.scratch import Scratch
 from impactlaw.stepping.impact_event import ImpactEvent, ImpactSums, LazyEvents, changed_model
 from impactlaw.stepping.integration import STEP_STATE, restore_state
 from impactlaw.stepping.time_stepping.compiled.state import memory
@@ -35,11 +36,7 @@ class StepRepeater:
 
     def __init__(self, law: LawInScene, make: Callable[[LawInScene], Any], settings: np.ndarray):
         self.law, self._make, self._settings = law, make, settings
-
-    @cached_property
-    def data(self) -> mujoco.MjData:
-        """The data in which steps are repeated."""
-        return mujoco.MjData(self.law.model)
+        self._scratch = Scratch(law.model)
 
     @cached_property
     def _steps(self) -> Any:
@@ -64,13 +61,14 @@ class StepRepeater:
             told = self._again(start)
         finally:
             steps.keep_collisions(False)
-        if np.abs(self.data.qvel - after).max() > _SAME * max(SLOWEST, np.abs(after).max()):
-            raise changed_model(float(self.data.time))
+        data = self._scratch.data
+        if np.abs(data.qvel - after).max() > _SAME * max(SLOWEST, np.abs(after).max()):
+            raise changed_model(float(data.time))
         return told() if callable(told) else told
 
     def _again(self, start: Start) -> LazyEvents:
         """Repeat a step, and return its collisions if they are kept."""
-        steps, model, data = self._steps, self.law.model, self.data
+        steps, model, data = self._steps, self.law.model, self._scratch.data
         restore_state(model, data, start.state, STEP_STATE)
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)

@@ -20,6 +20,7 @@ from impactlaw.mechanics.collision import Collision
 from impactlaw.mechanics.friction_impact import FrictionImpact, cone_problem
 from impactlaw.mechanics.impact import Impact
 from impactlaw.scene.contacts import first_rows
+from impactlaw.scratch import Scratch
 from impactlaw.solvers.certificate import judge
 from impactlaw.solvers.friction.problem import ConeAnswer
 from impactlaw.solvers.friction.solve import shared
@@ -96,13 +97,13 @@ class StepRepeater:
         self._scheme, self._collider, self._compile = scheme, scheme.collisions.collider, compile
 
     @cached_property
-    def _again(self) -> tuple[Any, Collisions, mujoco.MjData]:
-        """The compiled stepping of the scheme, its collisions, and data; made on first use."""
+    def _again(self) -> tuple[Any, Collisions, Scratch]:
+        """The compiled stepping of the scheme, its collisions, and other data; made on first use."""
         scheme = copy.copy(self._scheme)
         scheme.collisions = copy.copy(scheme.collisions)  # repeated steps are not counted again
         scheme.collisions.collider = self._collider
         scheme.collisions.surfaces = copy.copy(scheme.collisions.surfaces)
-        return self._compile(scheme, warn=False), scheme.collisions, mujoco.MjData(scheme.model)
+        return self._compile(scheme, warn=False), scheme.collisions, Scratch(scheme.model)
 
     def tell(self, rows: np.ndarray) -> tuple[ImpactEvent, ...]:
         """Return the collisions of steps.
@@ -110,7 +111,8 @@ class StepRepeater:
         Args:
             rows: state before the step, and sums of compiled code, of each step.
         """
-        compiled, collisions, data = self._again
+        compiled, collisions, scratch = self._again
+        data = scratch.data
         events: list[ImpactEvent] = []
         for row in rows[rows[:, -SUMS] > 0]:
             again, outcomes = compiled.repeat(row, data)
