@@ -13,6 +13,7 @@ from impactlaw.mechanics.kinetic_metric import solve_rows
 from impactlaw.scene.contacts import mass_matrix, update_positions
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.scene.options import BorrowedOptions
+from impactlaw.stepping.event_driven.persistent_contact.free_bodies import FreeBodies
 from impactlaw.stepping.integration import implicit_inertia, locked_joints, restore_state, save_state
 
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
@@ -28,12 +29,14 @@ class Configuration:
 
     Attributes:
         data: the state, to be given by `bind`.
+        free_bodies: the bodies with a free joint.
     """
 
     data: mujoco.MjData
 
     def __init__(self, model: mujoco.MjModel, options: BorrowedOptions, surfaces: Surfaces | None):
         self.model, self.surfaces, self._options = model, surfaces, options
+        self.free_bodies = FreeBodies(model)
         self._current = self._factored = False
         self._known: np.ndarray | None = None  # what implicit damping adds to the diagonal of M, (nv,) ...
         self._phase: tuple[float, np.ndarray] | None = None  # ... or its source: duration and M of the phase

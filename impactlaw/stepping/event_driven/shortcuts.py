@@ -76,7 +76,7 @@ class Rest:
         """Advance by a timestep; return the shortcut for the next one, or None."""
         if not phases.is_steady:
             return None
-        phases.advance(phases.options.timestep, self.force)
+        phases.advance(phases.options.timestep, self.force, still=True)
         data = phases.configuration.data
         moved = _difference(phases, self.qpos, data.qpos)
         if mujoco.mju_norm(moved) <= self.distance and mujoco.mju_norm(data.qvel) <= self.speed:

@@ -73,20 +73,17 @@ class SmoothPhases:
         """Read the friction of the model again."""
         self._detector.patterns.forget()
 
-    def advance(self, duration: float, force: np.ndarray | None = None) -> None:
-        """Integrate for ``duration`` s without contacts, or with their force applied, (nv,)."""
+    def advance(self, duration: float, force: np.ndarray | None = None, *, still: bool = False) -> None:
+        """Integrate for ``duration`` s without contacts, or with their force applied, see `ContactState.force`.
+
+        Where everything is ``still``, torques of free bodies are along their own axes.
+        """
         data = self.configuration.data
         if self.surfaces is not None:
             self.surfaces.aim(data)
-        own = None if force is None else data.qfrc_applied.copy()
-        try:
-            if force is not None:
-                data.qfrc_applied += force
+        with self.configuration.free_bodies.applied(data, force, still=still):
             self.options.integrate(duration)
             mujoco.mj_step(self._model, data)
-        finally:
-            if own is not None:
-                data.qfrc_applied[:] = own
         check_speed(data)
         self.configuration.end_phase(duration)
 

@@ -138,9 +138,9 @@ def phases(monkeypatch):
     """Return a list that gets the duration of every phase, in order."""
     durations, advance = [], SmoothPhases.advance
 
-    def counted(self, duration, force=None):
+    def counted(self, duration, force=None, **options):
         durations.append(duration)
-        advance(self, duration, force)
+        advance(self, duration, force, **options)
 
     monkeypatch.setattr(SmoothPhases, "advance", counted)
     return durations

@@ -30,6 +30,7 @@ from impactlaw.stepping.event_driven.persistent_contact.position import DetectAg
 from impactlaw.stepping.event_driven.persistent_contact.predicted_force import (
     PredictedForce,
     constrained_velocity,
+    lasting,
     moving_part,
     turned_rows,
 )
@@ -125,7 +126,7 @@ def _hold_velocity(
     total = impulses.each.dot(impulses.rows.jacobian)
     change = configuration.velocity(total)
     configuration.data.qvel[:] = free + change
-    force = total / phase.duration if felt.is_settled(total, change) else None
+    force = lasting(now.contact_set, total / phase.duration) if felt.is_settled(total, change) else None
     contact_forces = ContactForces(impulses.rows, impulses.table / phase.duration)
     return phase_end._replace(now=now.moving(impulses.table[:, 0] > 0, contact_forces, force))
 
@@ -242,7 +243,9 @@ def _unspun(phase_end: PhaseEnd, phase: Phase, rows: Rows, row: np.ndarray, plac
     MuJoCo's directions spin if the normal turns, by an angle that depends on the orientation of the scene in the world.
     """
     assert phase.start.contact_forces is not None
-    J, friction = phase.start.contact_forces.rows.jacobian, phase_end.now.contact_set.pattern.friction
+    contact_set = phase_end.now.contact_set
+    J = contact_set.carried(phase.start.contact_forces.rows.jacobian, phase.start.contact_set)
+    friction = contact_set.pattern.friction
     normals = phase.start.contacts.normal[phase_end.known], phase_end.now.contacts.normal
     if friction is None or np.array_equal(*normals):
         return J[row]

@@ -28,6 +28,7 @@ from impactlaw.stepping.event_driven.persistent_contact.position import DetectAg
 from impactlaw.stepping.event_driven.persistent_contact.predicted_force import (
     PredictedForce,
     constrained_velocity,
+    lasting,
     turned_rows,
 )
 
@@ -76,7 +77,7 @@ def _hold_velocity(phase_end: PhaseEnd, phase: Phase, velocity: np.ndarray, felt
     change = now.configuration.velocity(impulse)
     data.qvel[:] = velocity + change
     active[held] = nu > 0
-    force = impulse / phase.duration if felt.is_settled(impulse, change) else None
+    force = lasting(now.contact_set, impulse / phase.duration) if felt.is_settled(impulse, change) else None
     return PhaseEnd(now.moving(active, force=force), *phase_end[1:])
 
 
@@ -85,7 +86,7 @@ def _turned(phase_end: PhaseEnd, phase: Phase, held: np.ndarray) -> np.ndarray |
     start, contact_set, known = phase.start.contact_set, phase_end.now.contact_set, phase_end.known[held]
     if not len(start.gap):
         return None
-    difference = start.jacobian[known] - contact_set.jacobian[held]
+    difference = contact_set.carried(start.jacobian[known], start) - contact_set.jacobian[held]
     difference[known < 0] = 0.0
     return turned_rows(contact_set, difference, contact_set.yielding[held])
 

@@ -31,11 +31,13 @@ class PredictedForce(NamedTuple):
 
     @classmethod
     def of(cls, configuration: Configuration, force: np.ndarray | None, duration: float) -> PredictedForce:
-        """Return the effect of a force, (nv,); the configuration is at the end of the phase."""
+        """Return the effect of a force, see `ContactState.force`; the configuration is at the end of the phase."""
         if force is None:
             nothing = np.zeros(configuration.model.nv)
             return cls(nothing, nothing, nothing)
-        impulse = duration * force
+        configuration.refresh()
+        free = configuration.free_bodies
+        impulse = duration * free.to_bodies(force, free.turns(configuration.data))
         velocity = configuration.velocity(impulse)
         return cls(impulse, velocity, moving_part(configuration) * duration * velocity)
 
@@ -47,6 +49,11 @@ class PredictedForce(NamedTuple):
         """
         left = (impulse - self.impulse).dot(velocity - self.velocity)
         return bool(left <= impulse.dot(velocity))
+
+
+def lasting(contact_set: ContactSet, force: np.ndarray) -> np.ndarray:
+    """Return a force of contacts, (nv,), as the next phase feels it: torques of free bodies along axes of the world."""
+    return contact_set.configuration.free_bodies.to_world(force, contact_set.turns)
 
 
 def turned_rows(contact_set: ContactSet, difference: np.ndarray, rows: np.ndarray) -> np.ndarray | None:
