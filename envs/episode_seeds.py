@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import numbers
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
+
+from impactlaw.errors import OptionError
 
 
 class EpisodeSeeds:
@@ -20,9 +23,16 @@ class EpisodeSeeds:
         self.generator = np.random.default_rng()
 
     def begin(self, seed: int | None) -> None:
-        """Reseed the generator if a reset has a seed."""
-        if seed is not None:
-            self.generator = np.random.default_rng([seed, self._stream])
+        """Reseed the generator if a reset has a seed.
+
+        Raises:
+            OptionError: the seed is not a nonnegative integer.
+        """
+        if seed is None:
+            return
+        if not isinstance(seed, numbers.Integral) or seed < 0:
+            raise OptionError(f"a seed is a whole number, 0 or more, got {seed!r:.100}")
+        self.generator = np.random.default_rng([int(seed), self._stream])
 
     @contextmanager
     def begun(self, seed: int | None) -> Iterator[None]:

@@ -83,7 +83,7 @@ class RandomLaw(gymnasium.Wrapper, RecordConstructorArgs):
 
         Raises:
             WrapperError: the law of the wrapped environment was removed.
-            OptionError: the options are not a mapping.
+            OptionError: the options are not a mapping, or the seed is not a nonnegative integer.
             ImpactLawError: as raised by the reset of the environment.
         """
         if options is not None and not isinstance(options, Mapping):

@@ -196,7 +196,7 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
 
         Raises:
             UnknownNameError: neither the wrapper nor the environment has such an option.
-            OptionError: the options are not a mapping.
+            OptionError: the options are not a mapping, or the seed is not a nonnegative integer.
             RestitutionError: the restitution does not fit the law.
             SceneError: an option has no meaning for the contact model.
             WrapperError: the law was removed, and the options ask for one.

@@ -12,7 +12,7 @@ from gymnasium.error import ResetNeeded
 from own_envs import bare, every_env
 from wrapped import V5, hopper, make_any, theirs
 
-from impactlaw.envs import ImpactLaw
+from impactlaw.envs import ImpactLaw, RandomLaw
 from impactlaw.errors import ActionError, OptionError, UnknownNameError
 
 pytestmark = theirs
@@ -118,7 +118,7 @@ def test_the_checker_of_gymnasium_finds_nothing(name):
 
 TWO = """
 import gymnasium, numpy as np, sys
-from impactlaw.envs import ImpactLaw
+from impactlaw.envs import ImpactLaw, RandomLaw
 from impactlaw.errors import ActionError, OptionError
 def make(name):
     env = gymnasium.make(name, render_mode="rgb_array")
@@ -160,3 +160,16 @@ def test_closing_one_of_two_that_draw_leaves_the_other_its_pictures(names, backe
     command = [sys.executable, "-W", "ignore", "-c", TWO, *names]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
+
+
+@pytest.mark.parametrize("wrap", [ImpactLaw, lambda env, *law: RandomLaw(ImpactLaw(env, *law))])
+@pytest.mark.parametrize("seed", [-1, 1.5, "one", [1, 2]])
+def test_an_invalid_seed_is_refused_and_changes_nothing(wrap, seed):
+    env, twin = (wrap(gymnasium.make("Hopper-v5"), "any-outcome") for _ in range(2))
+    for one in (env, twin):
+        one.reset(seed=0)
+    with pytest.raises(OptionError, match=r"a seed is a whole number, 0 or more, got"):
+        env.reset(seed=seed)
+    (observation, info), (expected, same) = env.reset(), twin.reset()
+    np.testing.assert_array_equal(observation, expected)
+    assert info == same
