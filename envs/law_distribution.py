@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numbers
+import operator
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -125,12 +126,8 @@ def _is_choice(value: Any) -> bool:
 
 def _distribution(value: Any) -> Any:
     """Return a restitution in [0, 1] as an interval (low, high), a list of choices, a frozen distribution or None."""
-    if isinstance(value, Mapping) and _UNIFORM in value:
-        value = tuple(value[_UNIFORM])
-    if isinstance(value, Mapping) and _SCIPY in value:
-        import scipy.stats
-
-        value = getattr(scipy.stats, value[_SCIPY])(*value["args"], **value["kwds"])
+    if isinstance(value, Mapping):
+        value = _from_plain(value)
     if hasattr(value, "rvs"):
         if not hasattr(value, "support") or not hasattr(value, "dist"):
             raise OptionError(f"a distribution is a frozen one of scipy.stats, such as beta(2, 5), got {value!r}")
@@ -154,6 +151,21 @@ def _distribution(value: Any) -> Any:
             f"None, got {value!r}"
         )
     return [restored(one) for one in value]
+
+
+def _from_plain(written: Mapping[str, Any]) -> Any:
+    """Return the interval, or the distribution of scipy.stats, that is written as plain values."""
+    try:
+        if written.keys() == {_UNIFORM}:
+            low, high = map(operator.pos, written[_UNIFORM])  # texts are no numbers
+            return float(low), float(high)
+        import scipy.stats
+
+        return getattr(scipy.stats, written[_SCIPY])(*written["args"], **written["kwds"])
+    except (AttributeError, KeyError, TypeError, ValueError):
+        raise OptionError(
+            f'a distribution as plain values is an interval {{"uniform": [low, high]}}, got {dict(written)!r:.200}'
+        ) from None
 
 
 def _read(law: Any) -> Any:

@@ -170,6 +170,12 @@ def test_in_vector_environments():
     [
         (lambda: RandomLaw(gymnasium.make("Hopper-v5")), WrapperError, "no impact law"),
         (lambda: RandomLaw(gymnasium.make("CartPole-v1")), WrapperError, "no impact law"),
+        (lambda: LawDistribution(restitution={"uniform": [0.1, 0.5, 0.9]}), OptionError, "as plain values"),
+        (lambda: LawDistribution(restitution={"uniform": [0.1]}), OptionError, "as plain values"),
+        (lambda: LawDistribution(restitution={"uniform": 0.3}), OptionError, "as plain values"),
+        (lambda: LawDistribution(restitution={"uniform": ["0.1", "0.9"]}), OptionError, "as plain values"),
+        (lambda: LawDistribution(restitution={"low": 0.1, "high": 0.9}), OptionError, "as plain values"),
+        (lambda: LawDistribution(restitution={"scipy": "none", "args": [], "kwds": {}}), OptionError, "as plain"),
         (lambda: RandomLaw(juggler(), laws=()), OptionError, "laws is a sequence"),
         (lambda: RandomLaw(juggler(), laws="moreau"), OptionError, "laws is a sequence"),
         (lambda: RandomLaw(juggler(), laws={"moreau", "newton"}), OptionError, "laws is a sequence"),  # has no order
