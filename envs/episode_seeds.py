@@ -45,9 +45,17 @@ class EpisodeSeeds:
             self.generator, before.bit_generator.state = before, state
             raise
 
-    def draw(self) -> int:
-        """Draw a seed."""
+    def draw(self) -> int | None:
+        """Draw a seed; None where environments have no seeds, so that a law keeps its own, 0 if it has none."""
         return int(self.generator.integers(2**31))
+
+
+class NoSeeds(EpisodeSeeds):
+    """No seeds, for environments whose resets have none."""
+
+    def draw(self) -> int | None:
+        """Return None."""
+        return None
 
 
 OUTCOMES, LAWS = 1, 2

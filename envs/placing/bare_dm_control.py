@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import gymnasium
 
+from impactlaw.envs.episode_seeds import OUTCOMES, NoSeeds
 from impactlaw.envs.law_options import LawOptions
 from impactlaw.envs.logs.episode_log import episode_log
 from impactlaw.envs.placing.placed_law import PlacedLaw
@@ -59,6 +60,7 @@ def put_law(
         impulse_in_cfrc_ext=impulse_in_cfrc_ext,
     )  # fmt: skip
     placed = OnDmControl(env, options, episode_log(log, log_every))
+    placed.seeds = NoSeeds(OUTCOMES)
     placed.record_steps(env)
     return placed
 

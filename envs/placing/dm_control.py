@@ -10,6 +10,7 @@ import mujoco
 from dm_control.mujoco.engine import Physics
 from dm_control.rl.control import PhysicsError
 
+from impactlaw.envs.episode_seeds import OUTCOMES, NoSeeds
 from impactlaw.envs.law_options import LawOptions
 from impactlaw.envs.logs.episode_log import EpisodeLog
 from impactlaw.envs.placing.placed_law import PlacedLaw
@@ -164,6 +165,7 @@ def _remade(kind: type[Physics], data: Any, *law: Any) -> Any:
 def _with_law(physics: Any, standing: LawOptions, in_force: LawOptions, stepper: Stepper) -> Any:
     """Put the law into a copy of a physics; it continues from what the stepper of that remembers of its last step."""
     law = OnPhysics(physics, standing, None)
+    law.seeds = NoSeeds(OUTCOMES)
     law.use(in_force)
     law.go_on(stepper)
     return physics

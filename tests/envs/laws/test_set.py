@@ -1,15 +1,17 @@
 """Laws of our own and of wrapped environments that are set later, and options that are fixed when they are made."""
 
+import copy
 import math
 
 import gymnasium
 import numpy as np
 import pytest
+from dm_control import suite
 from envs_with_laws import JUGGLER, every_maker, juggler, kept
 from wrapped import hopper, theirs
 
-from impactlaw import Moreau, Newton, Stepper
-from impactlaw.envs import ImpactLaw
+from impactlaw import AnyOutcome, Moreau, Newton, Stepper
+from impactlaw.envs import ImpactLaw, placed_law, put_law
 from impactlaw.errors import ImpactLawError, RestitutionError, SettledError
 from impactlaw.laws import MaximalDissipation
 
@@ -180,3 +182,14 @@ def test_what_vector_environments_cannot_change_is_refused():
     vector.set_attr("restitution", [0.1, 0.2])
     np.testing.assert_array_equal(vector.reset()[1]["impact/restitution"], [0.1, 0.2])
     vector.close()
+
+
+def test_a_law_set_in_bare_dm_control_draws_the_same_outcomes_in_every_run():
+    env = suite.load("hopper", "hop", task_kwargs={"random": 0})
+    placed = put_law(env, "moreau", 0.5)
+    placed.law = "any-outcome"
+    assert placed.law == AnyOutcome()
+    copied = placed_law(copy.deepcopy(env))
+    copied.law = Moreau(0.5)
+    copied.law = "any-outcome"
+    assert copied.law == AnyOutcome()
