@@ -230,6 +230,7 @@ class ImpactEnv(PortableSpec, LawInForce, gymnasium.Env[np.ndarray, np.ndarray])
             restore_state(self.model, self.data, before)
             self.driven = driven
             mujoco.mj_forward(self.model, self.data)
+            sums, short = NOTHING, steps_short(self.stepper)  # the timesteps before are undone
             reward, terminated, diverged = 0.0, False, True
         else:
             reward, terminated = self.judge()

@@ -189,7 +189,7 @@ class PlacedLaw(LawInForce, ABC):
                 else:
                     stepper.step(data, some)
             except DivergenceError:
-                self.diverged = True
+                self._diverge()
                 raise
             steps, half, self._short = steps - some, False, self._short + steps_short(stepper) - short
             told = stepper.told
@@ -200,6 +200,11 @@ class PlacedLaw(LawInForce, ABC):
                 self._forces.add(data, some, stepper.events if told else ())
             if self._log is not None:
                 self._log.step(stepper, data, stepper.events)
+
+    def _diverge(self) -> None:
+        """Let the environment step count as diverged, and tell no collisions, also of the timesteps before."""
+        self.clear()
+        self.diverged = True
 
     @property
     def _watched(self) -> bool:
@@ -218,11 +223,11 @@ class PlacedLaw(LawInForce, ABC):
         MuJoCo would set all controls to 0 and continue. With RK4, it notices such a state only in the next timestep.
         """
         if not mujoco.mju_norm(data.ctrl) <= mujoco.mjMAXVAL:
-            self.diverged = True
+            self._diverge()
             raise DivergenceError(f"the controls at t = {data.time:g} s are not finite, or huge")
         self._advance(model, data, steps)
         if is_huge(data):
-            self.diverged = True
+            self._diverge()
             raise DivergenceError(f"the state at t = {data.time:g} s is not finite, or huge")
 
 

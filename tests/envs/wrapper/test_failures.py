@@ -205,3 +205,33 @@ def test_located_contacts_refuse_adhesion():
 
     with pytest.raises(SceneError, match="adhesion"):
         ImpactLaw(Sticking(), "moreau", 0.5, contact_model="rigid", scheme="event-driven")
+
+
+@pytest.mark.parametrize("contact_model", ["soft", "rigid"])
+@pytest.mark.parametrize("own", [False, True])
+def test_a_step_that_diverges_tells_no_collisions_recorded_or_not(tmp_path, contact_model, own):
+    told = []
+    for log in (None, tmp_path / "run.rrd"):
+        options = {"law": "moreau", "restitution": 0.5, "contact_model": contact_model, "log": log}
+        plain = None if own else gymnasium.make("Hopper-v5")
+        env = gymnasium.make("impactlaw/Juggler-v0", **options) if plain is None else ImpactLaw(plain, **options)
+        env.reset(seed=0)
+        data = env.unwrapped.data
+        data.qpos[0 if own else 1] = 0.001 if own else 1.2
+        data.qvel[0 if own else 1] = -5.0
+        begun = data.time
+
+        def break_later(_, data, begun=begun):
+            if data.time > begun + 0.0035:
+                data.qfrc_applied[:] = np.nan
+
+        mujoco.set_mjcb_control(break_later)
+        try:
+            info = env.step(np.zeros(env.action_space.shape, np.float32))[4]
+        finally:
+            mujoco.set_mjcb_control(None)
+        told.append(info)
+        env.close()
+    assert told[0] == told[1]
+    assert told[0]["impact/diverged"] == 1
+    assert told[0]["impact/count"] == told[0]["impact/energy_change"] == 0
