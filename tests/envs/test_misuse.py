@@ -118,7 +118,7 @@ def test_the_checker_of_gymnasium_finds_nothing(name):
 
 TWO = """
 import gymnasium, numpy as np, sys
-from impactlaw.envs import ImpactLaw, RandomLaw
+from impactlaw.envs import ImpactLaw
 from impactlaw.errors import ActionError, OptionError
 def make(name):
     env = gymnasium.make(name, render_mode="rgb_array")

@@ -116,10 +116,10 @@ def test_a_reset_that_is_refused_leaves_all_generators_where_they_were(make, aro
 
 
 @pytest.mark.parametrize("make", [juggler, hopper])
-def test_what_is_no_seed_is_refused_by_gymnasium_or_numpy_and_changes_nothing(make):
+def test_what_is_no_seed_is_refused_and_changes_nothing(make):
     env = make()
     env.reset(seed=3)
-    with pytest.raises((ValueError, gymnasium.error.Error), match=r"negative|zero"):
+    with pytest.raises((ValueError, gymnasium.error.Error), match=r"zero|0 or more"):
         env.reset(seed=-1, options={"restitution": 0.25})
     assert env.get_wrapper_attr("law") == make().get_wrapper_attr("law")
 
