@@ -129,6 +129,14 @@ class Configuration:
         if not self._current:
             self.update()
 
+    def in_bodies(self, force: np.ndarray) -> np.ndarray:
+        """Return a force, (nv,), whose torques on free bodies are along the axes of the world, as MuJoCo has it."""
+        free = self.free_bodies
+        if not len(free):
+            return force
+        self.refresh()
+        return free.to_bodies(force, free.turns(self.data))
+
     def shift(self, displacement: np.ndarray, *, qpos: np.ndarray | None = None) -> None:
         """Move by a displacement, (nv,), from the current configuration or from another one, (nq,)."""
         moved = (self.data.qpos if qpos is None else qpos).copy()

@@ -81,9 +81,17 @@ class SmoothPhases:
         data = self.configuration.data
         if self.surfaces is not None:
             self.surfaces.aim(data)
-        with self.configuration.free_bodies.applied(data, force, still=still):
+        own = None if force is None else (data.qfrc_applied.copy(), data.xfrc_applied.copy())
+        try:
+            if force is not None and still:
+                data.qfrc_applied += force
+            elif force is not None:
+                self.configuration.free_bodies.apply(data, force)
             self.options.integrate(duration)
             mujoco.mj_step(self._model, data)
+        finally:
+            if own is not None:
+                data.qfrc_applied[:], data.xfrc_applied[:] = own
         check_speed(data)
         self.configuration.end_phase(duration)
 

@@ -5,13 +5,11 @@ A contact force that lasts from one phase to the next one keeps its direction in
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-
 import mujoco
 import numpy as np
 
 _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
+_NONE = np.zeros((0, 3, 3))
 
 
 class FreeBodies:
@@ -22,9 +20,12 @@ class FreeBodies:
         self._bodies = model.jnt_bodyid[joints]
         self._angular = model.jnt_dofadr[joints][:, None] + np.arange(3, 6)
 
+    def __len__(self) -> int:
+        return len(self._bodies)
+
     def turns(self, data: mujoco.MjData) -> np.ndarray:
         """Return the rotation of each free body, (n, 3, 3); frames must be current."""
-        return data.xmat[self._bodies].reshape(-1, 3, 3)
+        return data.xmat[self._bodies].reshape(-1, 3, 3) if len(self._bodies) else _NONE
 
     def to_world(self, rows: np.ndarray, turns: np.ndarray) -> np.ndarray:
         """Return rows with angular parts along the axes of the world."""
@@ -34,25 +35,13 @@ class FreeBodies:
         """Return rows with angular parts along the axes of the bodies, given those along the axes of the world."""
         return self._turned(rows, turns.swapaxes(1, 2)) if len(turns) else rows
 
-    @contextmanager
-    def applied(self, data: mujoco.MjData, force: np.ndarray | None, *, still: bool) -> Iterator[None]:
-        """Apply a force, (nv,), if there is one, beside those that are applied anyway.
-
-        Its torques are along the axes of the world, or of the bodies where everything is ``still``.
-        """
-        if force is None:
-            yield
-            return
-        own = data.qfrc_applied.copy(), data.xfrc_applied.copy()
-        try:
-            if len(self._bodies) and not still:
-                data.xfrc_applied[self._bodies, 3:] += force[self._angular]
-                force = force.copy()
-                force[self._angular] = 0.0
-            data.qfrc_applied += force
-            yield
-        finally:
-            data.qfrc_applied[:], data.xfrc_applied[:] = own
+    def apply(self, data: mujoco.MjData, force: np.ndarray) -> None:
+        """Apply a force, (nv,), with torques along the axes of the world, beside those that are applied anyway."""
+        if len(self._bodies):
+            data.xfrc_applied[self._bodies, 3:] += force[self._angular]
+            force = force.copy()
+            force[self._angular] = 0.0
+        data.qfrc_applied += force
 
     def _turned(self, rows: np.ndarray, turns: np.ndarray) -> np.ndarray:
         result = rows.copy()

@@ -35,9 +35,7 @@ class PredictedForce(NamedTuple):
         if force is None:
             nothing = np.zeros(configuration.model.nv)
             return cls(nothing, nothing, nothing)
-        configuration.refresh()
-        free = configuration.free_bodies
-        impulse = duration * free.to_bodies(force, free.turns(configuration.data))
+        impulse = duration * configuration.in_bodies(force)
         velocity = configuration.velocity(impulse)
         return cls(impulse, velocity, moving_part(configuration) * duration * velocity)
 
