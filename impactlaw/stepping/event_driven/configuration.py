@@ -13,7 +13,7 @@ from impactlaw.mechanics.kinetic_metric import solve_rows
 from impactlaw.scene.contacts import mass_matrix, update_positions
 from impactlaw.scene.moving_surfaces import Surfaces
 from impactlaw.scene.options import BorrowedOptions
-from impactlaw.stepping.event_driven.persistent_contact.free_bodies import FreeBodies
+from impactlaw.stepping.event_driven.persistent_contact.body_axes import BodyAxes
 from impactlaw.stepping.integration import implicit_inertia, locked_joints, restore_state, save_state
 
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
@@ -29,14 +29,14 @@ class Configuration:
 
     Attributes:
         data: the state, to be given by `bind`.
-        free_bodies: the bodies with a free joint.
+        body_axes: the bodies whose torques MuJoCo has along axes that turn with them.
     """
 
     data: mujoco.MjData
 
     def __init__(self, model: mujoco.MjModel, options: BorrowedOptions, surfaces: Surfaces | None):
         self.model, self.surfaces, self._options = model, surfaces, options
-        self.free_bodies = FreeBodies(model)
+        self.body_axes = BodyAxes(model)
         self._current = self._factored = False
         self._known: np.ndarray | None = None  # what implicit damping adds to the diagonal of M, (nv,) ...
         self._phase: tuple[float, np.ndarray] | None = None  # ... or its source: duration and M of the phase
@@ -130,12 +130,12 @@ class Configuration:
             self.update()
 
     def in_bodies(self, force: np.ndarray) -> np.ndarray:
-        """Return a force, (nv,), whose torques on free bodies are along the axes of the world, as MuJoCo has it."""
-        free = self.free_bodies
-        if not len(free):
+        """Return a force, (nv,), whose torques, see `body_axes`, are along the axes of the world, as MuJoCo has it."""
+        axes = self.body_axes
+        if not len(axes):
             return force
         self.refresh()
-        return free.to_bodies(force, free.turns(self.data))
+        return axes.to_bodies(force, axes.turns(self.data))
 
     def shift(self, displacement: np.ndarray, *, qpos: np.ndarray | None = None) -> None:
         """Move by a displacement, (nv,), from the current configuration or from another one, (nq,)."""

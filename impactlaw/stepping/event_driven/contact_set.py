@@ -54,7 +54,7 @@ class ContactSet:
         jacobian: gap gradients ``J``, (h, nv).
         configuration: the configuration of the contacts.
         frames: frames of all geoms.
-        turns: rotations of free bodies, (n, 3, 3).
+        turns: rotations of `Configuration.body_axes`, (n, 3, 3).
         bilateral: gradients of equality constraints, which no impulse may violate, (m, nv); None if there are none.
         drift: contact velocities due to moving surfaces, m/s, (h,); None if there are none.
         drift_before: the same in the step before; None if it is the same.
@@ -67,7 +67,7 @@ class ContactSet:
         self.pattern, self.contacts, self.jacobian, self.bilateral, _ = found
         self.gap = self.contacts.gap
         self.configuration, data, surfaces = configuration, configuration.data, configuration.surfaces
-        self.frames, self.turns = Frames.of(data), configuration.free_bodies.turns(data)
+        self.frames, self.turns = Frames.of(data), configuration.body_axes.turns(data)
         if surfaces is not None and surfaces.move and len(self.gap):
             self.drift = surfaces.drift(data, self.contacts)
             if surfaces.jumps(data):
@@ -84,8 +84,8 @@ class ContactSet:
 
     def carried(self, rows: np.ndarray, start: ContactSet) -> np.ndarray:
         """Return rows found at another configuration, (k, nv), with the same directions in the world here."""
-        free = self.configuration.free_bodies
-        return free.to_bodies(free.to_world(rows, start.turns), self.turns)
+        axes = self.configuration.body_axes
+        return axes.to_bodies(axes.to_world(rows, start.turns), self.turns)
 
     @cached_property
     def seen(self) -> np.ndarray:

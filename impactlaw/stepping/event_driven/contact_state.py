@@ -51,7 +51,7 @@ class ContactState(NamedTuple):
     active: np.ndarray | None = None  # contacts that the last phase had to hold, bool (h,); None if there was no phase
     # forces with which the phase held them if there is friction; None if there were none
     contact_forces: ContactForces | None = None
-    # generalized force of these contacts, N or N m, (nv,), torques of free bodies along the axes of the world; None if
+    # generalized force of these contacts, N or N m, (nv,), torques of `BodyAxes` along the axes of the world; None if
     # it is not known
     force: np.ndarray | None = None
 

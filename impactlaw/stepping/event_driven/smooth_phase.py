@@ -76,7 +76,7 @@ class SmoothPhases:
     def advance(self, duration: float, force: np.ndarray | None = None, *, still: bool = False) -> None:
         """Integrate for ``duration`` s without contacts, or with their force applied, see `ContactState.force`.
 
-        Where everything is ``still``, torques of free bodies are along their own axes.
+        Where everything is ``still``, torques of `body_axes` are along those axes.
         """
         data = self.configuration.data
         if self.surfaces is not None:
@@ -86,7 +86,7 @@ class SmoothPhases:
             if force is not None and still:
                 data.qfrc_applied += force
             elif force is not None:
-                self.configuration.free_bodies.apply(data, force)
+                self.configuration.body_axes.apply(data, force)
             self.options.integrate(duration)
             mujoco.mj_step(self._model, data)
         finally:

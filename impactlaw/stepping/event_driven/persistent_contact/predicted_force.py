@@ -50,8 +50,8 @@ class PredictedForce(NamedTuple):
 
 
 def lasting(contact_set: ContactSet, force: np.ndarray) -> np.ndarray:
-    """Return a force of contacts, (nv,), as the next phase feels it: torques of free bodies along axes of the world."""
-    return contact_set.configuration.free_bodies.to_world(force, contact_set.turns)
+    """Return a force of contacts, (nv,), as the next phase feels it: torques of `BodyAxes` along those of the world."""
+    return contact_set.configuration.body_axes.to_world(force, contact_set.turns)
 
 
 def turned_rows(contact_set: ContactSet, difference: np.ndarray, rows: np.ndarray) -> np.ndarray | None:
