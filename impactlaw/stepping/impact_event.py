@@ -27,6 +27,7 @@ class ImpactEvent:
         qpos: the configuration at the collision, (nq,).
         projected: whether this is not the law's own outcome: that one left S(v-) and was replaced, or in a time step
             scaled; or no impulses of the law were found that lead to the velocity of the time step.
+        judged: whether the time step has found that the law creates energy; None for other events.
     """
 
     time: float
@@ -34,6 +35,16 @@ class ImpactEvent:
     impact: Impact
     qpos: np.ndarray = field(default_factory=lambda: np.zeros(0))
     projected: bool = False
+    judged: bool | None = None
+
+    @property
+    def inadmissible(self) -> bool:
+        """Whether the law's own outcome left S(v-).
+
+        A time step judges that by the work of contact in the step, with all its forces. `impact` is the collision by
+        itself, which may gain energy where the step does not, and the other way round.
+        """
+        return self.projected or not is_kept(self.impact) if self.judged is None else self.judged
 
     def __repr__(self) -> str:
         """Return one line, without matrices."""
@@ -58,8 +69,8 @@ class ImpactSums(NamedTuple):
         for event in events:
             impact = event.impact
             distant, work = int(impact.has_distant_effect), impact.surface_work
-            inadmissible = int(event.projected or not is_kept(impact))
-            total = total.with_more(cls(1, impact.energy_change, work, impact.intensity, distant, inadmissible))
+            left = int(event.inadmissible)
+            total = total.with_more(cls(1, impact.energy_change, work, impact.intensity, distant, left))
         return total
 
     def with_more(self, other: ImpactSums) -> ImpactSums:

@@ -141,7 +141,7 @@ class Calls:
             seen, call.groups(CALL.collides, np.bool_).copy(), call.rows(CALL.x).copy(),
             data.time - 0.5 * model.opt.timestep, np.array(held), before,
             call.velocity(CALL.velocity) + call.velocity(CALL.change), call.groups(CALL.reached).copy(),
-            call.rows(CALL.sliding).copy(), law.exact, call.share,
+            call.rows(CALL.sliding).copy(), law.exact, call.share, call.created,
             law.on_inadmissible != "allow" and not self._together,
         )  # fmt: skip
 
@@ -177,6 +177,11 @@ class _Call:
     def share(self) -> float:
         """Share of restitution that is kept."""
         return float(self._numbers.view(np.float64)[CALL.share])
+
+    @property
+    def created(self) -> float:
+        """Energy that the law would create in the step without scaling, J."""
+        return float(self._numbers.view(np.float64)[CALL.created])
 
     def all_rows(self) -> Rows:
         """Return a copy of the rows."""

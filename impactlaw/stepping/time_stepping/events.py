@@ -52,6 +52,7 @@ class CollisionRecord:
     # share of the law's restitution that was kept so that no energy is created, in [0, 1]; the least one if there are
     # several
     share: float
+    created: float  # energy that the law would create in the step without scaling, J
     dissipative: bool  # whether restitution is scaled in each island so that it creates no energy there
 
     @cached_property
@@ -62,7 +63,8 @@ class CollisionRecord:
         contacts = self.seen.contacts(groups)
         impact = self._resolve(groups, contacts.labels)
         projected = self.share < 1.0 or impact.target_contact_velocity is None
-        return ImpactEvent(self.time, contacts, impact, self.qpos, projected=projected)
+        judged = self.share < 1.0 or self.created > 0.0
+        return ImpactEvent(self.time, contacts, impact, self.qpos, projected, judged)
 
     def _resolve(self, groups: np.ndarray, labels: tuple[str, ...]) -> Impact:
         """Return the impact, without restitution if by itself it has no solution with it, or would create energy."""

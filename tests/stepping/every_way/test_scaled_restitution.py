@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from scenes import compiled
 
 from impactlaw import Batch, Fremond, Moreau, Stepper
 from impactlaw.laws import Law
+from impactlaw.stepping.impact_event import ImpactSums
 
 WAYS: dict[str, dict[str, Any]] = {
     "event-driven": {"scheme": "event-driven"},
@@ -95,3 +97,29 @@ def test_a_matrix_that_creates_energy_is_counted(scheme, friction):
     assert sums.inadmissible >= 1
     assert 0.5 * data.qvel @ data.qvel < 1.0 + 1e-9
     assert np.isfinite(data.qvel).all()
+
+
+@pytest.mark.parametrize("how", ["auto", "never"])
+@pytest.mark.parametrize("mass", [0.9, 0.995])
+def test_a_time_step_that_creates_no_energy_is_not_counted(mass, how):
+    """A force pushes the light ball, so that contact does negative work, though the collision by itself gains energy.
+
+    Regression: `Stepper.sums` and events counted such a step, `Batch` did not.
+    """
+    balls = (
+        f'<body pos="{0.2 * i} 0 0"><joint type="slide" axis="1 0 0"/><geom size=".1" mass="{m}"/></body>'
+        for i, m in enumerate((mass, 1.0, 1.0))
+    )
+    model, data = compiled("".join(balls), option='gravity="0 0 0" timestep="1e-3"', geom='condim="1"')
+    data.qvel[:], data.qfrc_applied[0] = (1.0, 0.0, -0.5), 300.0
+    batch = Batch(model, Fremond.reversal(), 1, 1)
+    batch.bind("qvel")[:], batch.bind("qfrc_applied")[:] = data.qvel, data.qfrc_applied
+    batch.step()
+    for asked in ("sums", "events"):
+        ours = copy.copy(data)
+        stepper = Stepper(model, Fremond.reversal(), scheme="time-stepping", on_inadmissible="project", compiled=how)
+        stepper.step(ours)
+        sums = stepper.sums if asked == "sums" else ImpactSums.of(stepper.events)
+        np.testing.assert_array_equal(ours.qvel, batch.bind("qvel")[0])
+        assert sums.collisions == batch.impact_count[0] == 1
+        assert sums.inadmissible == batch.inadmissible_count[0] == 0

@@ -74,7 +74,7 @@ def _collide(w, rows, tree, law, before, answer):
         add_reached(rows, tree, answer.collides)
     _stiffen(w, rows, tree, answer.collides, answer.bound)
     if asks > 0.0:
-        reply = tell(w, ASK, rows, answer, before, before, 1.0, 0)
+        reply = tell(w, ASK, rows, answer, before, before, 1.0, 0.0, 0)
         if reply == ERROR:
             return RAISED, 0
     elif not np.isnan(reversal):
@@ -116,7 +116,7 @@ def solve(w, rows, metric, before, known, rounds, law, answer, scaled):
         return Solved(collided, False, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, status, 0.0, False)
     if hooked(w, HOOK.watches):
         guess(rows, known, answer.x)
-        if tell(w, WATCH, rows, answer, before, before, 1.0, rounds) == ERROR:
+        if tell(w, WATCH, rows, answer, before, before, 1.0, 0.0, rounds) == ERROR:
             return STOPPED
     aims = Aims(answer.target, answer.sliding, answer.collides)
     project = scaled and setting(w, SETTING.dissipative) > 0.0

@@ -68,9 +68,10 @@ def _resolve(w, rows, metric, start, free, known, rounds, law, answer, sums):
     if setting(w, SETTING.sums) != 0.0:
         clear(sums)
         if solved.collided:
-            add_collision(w, rows, answer, solved.share, metric, start, sums)
-    if solved.collided and hooked(w, HOOK.keeps) and tell(w, KEEP, rows, answer, start, free, solved.share, 0) == ERROR:
-        return STOPPED, False
+            add_collision(w, rows, answer, solved.share, solved.created, metric, start, sums)
+    if solved.collided and hooked(w, HOOK.keeps):
+        if tell(w, KEEP, rows, answer, start, free, solved.share, solved.created, 0) == ERROR:
+            return STOPPED, False
     velocity = velocity_of(w)
     for i in range(w.nv):
         velocity[i] = free[i] + answer.change[i]

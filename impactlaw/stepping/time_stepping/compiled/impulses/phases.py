@@ -61,9 +61,9 @@ def _meet(w, rows, metric, before, velocity, known, rounds, law, may, more, bloc
         part, place = some_groups(rows, kept)
         allowed = may[kept]
     if solved.status == FINE and solved.collided and setting(w, SETTING.sums) != 0.0:
-        add_collision(w, part, answer, solved.share, metric, before, sums)
+        add_collision(w, part, answer, solved.share, solved.created, metric, before, sums)
     if solved.status == FINE and solved.collided and hooked(w, HOOK.keeps):
-        if tell(w, KEEP, part, answer, before, velocity, solved.share, 0) == ERROR:
+        if tell(w, KEEP, part, answer, before, velocity, solved.share, solved.created, 0) == ERROR:
             solved = STOPPED
     return solved, answer, place, later, waiting
 

@@ -44,7 +44,7 @@ from impactlaw.stepping.time_stepping.tolerances import DRIVEN
 
 COUNT, ENERGY, SURFACE, INTENSITY, DISTANT, INADMISSIBLE = 0, 1, 2, 3, 4, 5
 """Indices of the sums: number of collisions, T+ - T-, work of drifted constraints in it, |v+ - v-|, and number of
-collisions with a distant effect, and with scaled restitution.
+collisions with a distant effect, and with restitution that creates energy in the step.
 """
 _TOLERANCE, _ENOUGH, _ROUNDS = 1e-13, 1e-10, np.int64(24)
 _DRIFT = 1e-10  # largest difference of a row's velocity from J v, relative to the row's part of |v-|
@@ -190,8 +190,8 @@ def _book(rows, members, tree, basis, x, v, z, sums):
     sums[DISTANT] += distant
 
 
-@linked(types.void(WORLD, ROWS, ANSWER, types.float64, INERTIA, NUMBERS, NUMBERS))
-def add_collision(w, rows, answer, share, metric, velocity, sums):
+@linked(types.void(WORLD, ROWS, ANSWER, types.float64, types.float64, INERTIA, NUMBERS, NUMBERS))
+def add_collision(w, rows, answer, share, created, metric, velocity, sums):
     """Add a collision of a phase to the sums, (`SUMS`,); NaN if its event is needed.
 
     Args:
@@ -199,6 +199,7 @@ def add_collision(w, rows, answer, share, metric, velocity, sums):
         rows: rows of the phase.
         answer: see `room.Answer`.
         share: share of the law's restitution that is kept.
+        created: energy that the law would create in the step without scaling, J.
         metric: the mass matrix of the step.
         velocity: v-, (nv,).
         sums: see `COUNT`, written.
@@ -235,4 +236,4 @@ def add_collision(w, rows, answer, share, metric, velocity, sums):
     if not residual <= _ENOUGH:
         sums[COUNT] = np.nan
     _book(rows, members, tree, basis, x, v, z, sums)
-    sums[INADMISSIBLE] += share < 1.0
+    sums[INADMISSIBLE] += share < 1.0 or created > 0.0

@@ -24,7 +24,7 @@ class Hook(NamedTuple):
 
 
 class Call(NamedTuple):
-    """Indices of the numbers of a call: its purpose, sizes, and addresses of arrays; the share is a float64."""
+    """Indices of the numbers of a call: its purpose, sizes, and addresses of arrays; share and energy are float64."""
 
     purpose: int = 0
     groups: int = 1  # number of groups
@@ -47,6 +47,7 @@ class Call(NamedTuple):
     velocity: int = 18  # velocity to which it adds its `change`, (nv,)
     share: int = 19  # share of restitution that is kept
     rounds: int = 20  # rounds of the slower solvers
+    created: int = 21  # energy that the law would create without scaling, J
 
 
 HOOK, CALL = Hook(), Call()
@@ -101,7 +102,7 @@ def notify(w, purpose):
 
 
 @kernel
-def tell(w, purpose, rows, answer, before, velocity, share, rounds):
+def tell(w, purpose, rows, answer, before, velocity, share, created, rounds):
     """Call Python with the contacts of a phase; return the reply. For the arguments see `Call`."""
     call = indices(len(CALL))
     call[CALL.purpose], call[CALL.groups], call[CALL.rows] = purpose, len(rows.key), len(answer.x)
@@ -113,7 +114,8 @@ def tell(w, purpose, rows, answer, before, velocity, share, rounds):
     call[CALL.x], call[CALL.change] = address_of(answer.x), address_of(answer.change)
     call[CALL.reached], call[CALL.bound] = address_of(answer.reached), address_of(answer.bound)
     call[CALL.before], call[CALL.velocity] = address_of(before), address_of(velocity)
-    call.view(np.float64)[CALL.share], call[CALL.rounds] = share, rounds
+    call.view(np.float64)[CALL.share], call.view(np.float64)[CALL.created] = share, created
+    call[CALL.rounds] = rounds
     reply = _call(hooked(w, HOOK.function), address_of(call))
     keep(call)
     return reply
