@@ -218,7 +218,10 @@ class ImpactEnv(PortableSpec, LawInForce, gymnasium.Env[np.ndarray, np.ndarray])
         """
         if not self._begun:
             raise ResetNeeded("an episode begins with reset(); call it before step()")
-        self.act(self._within_space(action))
+        within = self._within_space(action)
+        if self._log is not None:
+            self._log.begin_step(self.model, self.data)
+        self.act(within)
         sums, before, driven = NOTHING, save_state(self.model, self.data), self.driven
         short = steps_short(self.stepper)
         try:
@@ -236,7 +239,7 @@ class ImpactEnv(PortableSpec, LawInForce, gymnasium.Env[np.ndarray, np.ndarray])
             reward, terminated = self.judge()
             diverged = False
         if self._log is not None:
-            self._log.end_step(action, reward, bool(terminated), diverged)
+            self._log.end_step(self.model, self.data, action, reward, bool(terminated), diverged)
         if self.render_mode == "human" and not diverged:
             self.render()
         info = impact_info(sums, short=steps_short(self.stepper) - short, diverged=diverged) | self._law_info()

@@ -227,7 +227,7 @@ class ImpactLaw(gymnasium.Wrapper, RecordConstructorArgs):
         placed = self._placed
         if placed is None:
             return self.env.step(action)
-        placed.clear()
+        placed.begin_step()
         start = placed.simulation()[1].time
         if _is_bad(action):
             placed.diverged = True

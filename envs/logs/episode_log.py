@@ -20,6 +20,7 @@ from impactlaw.stepping.impact_event import ImpactEvent
 from impactlaw.stepping.stepper import Stepper
 
 _FIELDS = {"env", "episode"}
+_STATE = mujoco.mjtState.mjSTATE_PHYSICS | mujoco.mjtState.mjSTATE_MOCAP_POS | mujoco.mjtState.mjSTATE_MOCAP_QUAT
 
 
 class EpisodeLog:
@@ -58,6 +59,7 @@ class EpisodeLog:
         self._made: dict[str, Any] = {}
         self._options: LawOptions | None = None
         self._between = False  # whether no timestep was recorded since a reset or an environment step
+        self._seen, self._moved = np.zeros(0), False  # the state then; whether it was changed before the present step
         self._recorder: Recorder | None = None
         first = self._named(0)
         if not first.parent.is_dir():
@@ -102,7 +104,7 @@ class EpisodeLog:
         recorder = self._open(stepper)
         self._law = recorder.law = stepper.law
         settings, self._made = options.settings(stepper.law), how_made(options, stepper.model, self._timesteps)
-        self._options, self._between = options, True
+        self._options, self._between, self._seen, self._moved = options, True, _state(stepper.model, data), False
         recorder.begin_episode(self._episode, seed=seed, generator=generator, settings=settings, made=self._made)
         recorder.step(data)
 
@@ -130,13 +132,26 @@ class EpisodeLog:
             if made != self._made:
                 recorder.change_model(made)
             self._made, self._between = made, False
+        if self._moved:
+            recorder.change_state()
+            self._moved = False
         recorder.step(data, events)
 
-    def end_step(self, action: Any, reward: Any, terminated: bool, truncated: bool) -> None:
+    def begin_step(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Before an environment step, note whether the state was changed since the last one, or since the reset.
+
+        It was also if a step between them raised an error after some of its timesteps.
+        """
+        if self._on and self._recorder is not None:
+            self._moved = not np.array_equal(_state(model, data), self._seen, equal_nan=True)
+
+    def end_step(
+        self, model: mujoco.MjModel, data: mujoco.MjData, action: Any, reward: Any, terminated: bool, truncated: bool
+    ) -> None:
         """Record the end of an environment step, after its last timestep."""
         if self._on and self._recorder is not None:
             self._recorder.end_step(action, reward, terminated=terminated, truncated=truncated)
-            self._between = True
+            self._between, self._seen = True, _state(model, data)
 
     def finish(self) -> None:
         """Close the current file."""
@@ -204,6 +219,13 @@ def _fields(path: str) -> set[str]:
         f"log={path!r} can have the fields {{env}} and {{episode}}, such as run-{{env}}-{{episode}}.rrd; braces that "
         "are part of a name are written twice"
     )
+
+
+def _state(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """Return positions, velocities, activations and time, and the poses of mocap bodies."""
+    state = np.empty(mujoco.mj_stateSize(model, int(_STATE)))
+    mujoco.mj_getState(model, data, state, int(_STATE))
+    return state
 
 
 def _made(path: Path) -> bool:

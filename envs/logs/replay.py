@@ -27,8 +27,8 @@ def restart(env: gymnasium.Env, episode: Episode, *, allow_law_changes: bool = F
     frame_skip, integrator, the initial state, and in the model: masses, sizes, friction, joints, actuators, tendons,
     gravity, contact parameters, wind, density, viscosity, height fields and disable flags. Others, such as meshes and
     sites, are not. If the model was changed after the reset, as by other masses, the environment must have these before
-    `restart`, or get them in its own reset. An episode in which the law or the model was changed later is refused,
-    since its actions alone do not reproduce it.
+    `restart`, or get them in its own reset. An episode in which the law, the model or the state was changed later is
+    refused, since its actions alone do not reproduce it; so is one that went on after a step with an error.
 
     Args:
         env: an environment of this package, or one with an `ImpactLaw` around it.
@@ -38,7 +38,7 @@ def restart(env: gymnasium.Env, episode: Episode, *, allow_law_changes: bool = F
 
     Raises:
         RecordingError: episode is not an `Episode`; the recording has neither a seed nor a generator state; the
-            environment differs from the recorded one; or the law or the model was changed during the episode.
+            environment differs from the recorded one; or law, model or state were changed during the episode.
         WrapperError: the environment has no impact law.
     """
     if not isinstance(episode, Episode):
@@ -61,6 +61,12 @@ def restart(env: gymnasium.Env, episode: Episode, *, allow_law_changes: bool = F
         raise RecordingError(
             f"the model was changed during episode {episode.number}, first before step {episode.model_changes[0]}: "
             f"reset(seed={episode.seed}) begins it, but its actions alone do not reproduce it"
+        )
+    if episode.state_changes:
+        raise RecordingError(
+            f"the state was changed during episode {episode.number}, first before step {episode.state_changes[0]}, by "
+            f"hand or by a step that failed halfway: reset(seed={episode.seed}) begins it, but its actions alone do "
+            "not reproduce it"
         )
     if episode.seed is None and episode.generator is not None:
         env.unwrapped.np_random.bit_generator.state = episode.generator

@@ -90,10 +90,16 @@ class PlacedLaw(LawInForce, ABC):
             self._log.name_run(scene, seed, self.frame_skip)
             self._log.begin(stepper, data, self._in_force, seed=seed, generator=generator)
 
+    def begin_step(self) -> None:
+        """Forget the last environment step, before the next one begins."""
+        self.clear()
+        if self._log is not None:
+            self._log.begin_step(*self.simulation())
+
     def record_step(self, action: Any, reward: Any, terminated: bool, truncated: bool) -> None:
         """Record the end of an environment step."""
         if self._log is not None:
-            self._log.end_step(action, reward, terminated, truncated)
+            self._log.end_step(*self.simulation(), action, reward, terminated, truncated)
 
     def check_stepped(self, since: float) -> None:
         """Raise if an environment has advanced MuJoCo's time, though the law has not stepped in this episode.

@@ -113,6 +113,8 @@ class Episode:
         made: how the environment stepped first, by names of options; empty if unknown.
         law_changes: laws that were set within the episode, in order.
         model_changes: environment steps, counted from 0, before which the model was changed within the episode.
+        state_changes: environment steps, counted from 0, before which the state was changed within the episode, by hand
+            or by an environment step that raised an error after some of its timesteps.
     """
 
     number: int
@@ -132,6 +134,7 @@ class Episode:
     made: dict[str, Any] = field(default_factory=dict)
     law_changes: tuple[LawChange, ...] = ()
     model_changes: tuple[int, ...] = ()
+    state_changes: tuple[int, ...] = ()
 
 
 def read_episodes(entities: dict[str, Entity], time: np.ndarray, scene: str | None) -> tuple[Episode, ...]:
@@ -201,6 +204,7 @@ def _episode(entities: dict[str, Entity], time: np.ndarray, start: dict[str, Any
         made=json.loads(made),
         law_changes=_law_changes(entities.get(layout.CHANGES), begin, part.stop, frame),
         model_changes=model_changes,
+        state_changes=_state_changes(entities.get(layout.STATES), begin, part.stop, frame),
     )
 
 
@@ -219,6 +223,14 @@ def _made(entity: Entity | None, made: str, begin: int, end: int, frame: np.ndar
         else:
             changes.append(step)
     return made, tuple(changes)
+
+
+def _state_changes(entity: Entity | None, begin: int, end: int, frame: np.ndarray) -> tuple[int, ...]:
+    """Return the environment steps before which the state was changed; the arguments are those of `_law_changes`."""
+    if entity is None:
+        return ()
+    first = entity.step[(entity.step >= begin) & (entity.step < end)] - begin
+    return tuple(np.searchsorted(frame, first).tolist())
 
 
 def _law_changes(entity: Entity | None, begin: int, end: int, frame: np.ndarray) -> tuple[LawChange, ...]:

@@ -32,11 +32,15 @@ CHANGE_COLUMNS = {"law": "text", "value": "text"}
 MODELS, REMADE = "episodes/models", "impactlaw.ModelChange"
 REMADE_COLUMNS = {"made": "text"}
 """Columns of a model changed within an episode, at the first frame with it; ``made`` is JSON, as that of an episode."""
+STATES, MOVED = "episodes/states", "impactlaw.StateChange"
+MOVED_COLUMNS = {"changed": "bool"}
+"""Columns of a state that was changed within an episode other than by a step, at the first frame after it; true."""
 MARKED = {
     EPISODES: (EPISODE, EPISODE_COLUMNS),
     STEPS: (TAKEN, STEP_COLUMNS),
     CHANGES: (CHANGE, CHANGE_COLUMNS),
     MODELS: (REMADE, REMADE_COLUMNS),
+    STATES: (MOVED, MOVED_COLUMNS),
 }
 GEOMETRY_BODIES = "impactlaw.Geometry:bodies"
 COLLISION = "impactlaw.Collision"

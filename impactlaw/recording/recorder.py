@@ -162,6 +162,10 @@ class Recorder:
         """
         self._changes[layout.MODELS] = {"made": _mapping("made", made)}
 
+    def change_state(self) -> None:
+        """Record that the next step starts from another state than that of the last frame, within the episode."""
+        self._changes[layout.STATES] = {"changed": True}
+
     def end_step(self, action: Any, reward: Any, *, terminated: bool = False, truncated: bool = False) -> None:
         """Record action, reward and end of an environment step, whose last timestep is the last frame.
 

@@ -10,9 +10,9 @@ from own_envs import bare, every_env
 from recorded_envs import JUGGLER, every_maker, makers, play
 from wrapped import hopper, shimmy_task, theirs
 
-from impactlaw import Moreau, Newton
+from impactlaw import Moreau, Newton, Stepper
 from impactlaw.envs import ImpactLaw, restart
-from impactlaw.errors import RecordingError, UnknownNameError, WrapperError
+from impactlaw.errors import ImpactLawError, RecordingError, UnknownNameError, WrapperError
 from impactlaw.recording import Recorder, describe, read_log
 
 pytestmark = theirs
@@ -202,3 +202,57 @@ def test_settings_are_plain_values(tmp_path):
     settings = read_log(tmp_path / "run.rrd").episode(0).settings
     assert json.loads(json.dumps(settings)) == settings
     assert settings["scheme"] == "time-stepping"
+
+
+# States that do not follow from the actions
+
+
+def push(env):
+    env.unwrapped.data.qvel[0] += 0.25
+
+
+@every_maker
+def test_an_episode_in_which_the_state_was_changed_is_refused(name, tmp_path):
+    env = makers(log=tmp_path / "run.rrd")[name]()
+    for pushed in ((0,), (3, 7), ()):
+        env.reset(seed=5)
+        for step in range(10):
+            if step in pushed:
+                push(env)
+            env.step(env.action_space.sample())
+    push(env)  # for nothing: no step follows
+    env.reset(seed=6)
+    env.step(env.action_space.sample())
+    env.close()
+    episodes = read_log(tmp_path / "run.rrd").episodes
+    assert [episode.state_changes for episode in episodes] == [(0,), (3, 7), (), ()]
+    again = makers()[name]()
+    with pytest.raises(RecordingError, match="the state was changed during episode 1, first before step 3, by hand or"):
+        restart(again, episodes[1])
+    restart(again, episodes[2])
+
+
+@every_maker
+def test_an_episode_that_goes_on_after_a_step_that_failed_halfway_is_refused(name, tmp_path, monkeypatch):
+    env = makers(log=tmp_path / "run.rrd")[name]()
+    env.reset(seed=5)
+    env.step(env.action_space.sample())
+    steps, known = itertools.count(), Stepper.step
+
+    def failing(stepper, data, *more):
+        if next(steps) == 1:
+            raise ImpactLawError("the second timestep fails")
+        return known(stepper, data, *more)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Stepper, "step", failing)
+        with pytest.raises(ImpactLawError, match="the second timestep fails"):
+            env.step(env.action_space.sample())
+    env.step(env.action_space.sample())
+    env.reset(seed=5)
+    env.step(env.action_space.sample())
+    env.close()
+    broken, whole = read_log(tmp_path / "run.rrd").episodes
+    assert (broken.state_changes, whole.state_changes) == ((1,), ())
+    with pytest.raises(RecordingError, match="or by a step that failed halfway"):
+        restart(makers()[name](), broken)
