@@ -222,7 +222,7 @@ def _fields(path: str) -> set[str]:
 
 
 def _state(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-    """Return positions, velocities, activations and time, and the poses of mocap bodies."""
+    """Return positions, velocities, activations, what delays remember, and the poses of mocap bodies."""
     state = np.empty(mujoco.mj_stateSize(model, int(_STATE)))
     mujoco.mj_getState(model, data, state, int(_STATE))
     return state
