@@ -6,6 +6,7 @@ import pytest
 from scenes import compiled
 
 from impactlaw import MaximalDissipation, Stepper
+from impactlaw.stepping.event_driven.persistent_contact.body_axes import BodyAxes
 
 G = 9.81
 FLOOR = '<geom type="plane" size="9 9 1"/>'
@@ -82,3 +83,21 @@ def test_a_tippe_top_keeps_the_integral_of_jellett():
         assert turn(data)[2, 2] < -0.5  # it has turned over
     assert losses[1] < 5e-4
     assert losses[0] > 3.5 * losses[1]
+
+
+def test_a_force_is_the_same_whether_it_turns_with_bodies_or_not():
+    """Where nothing has turned yet; the torque of a ball joint acts on the parent, too: no other joint feels it."""
+    ball = '<geom size=".1" pos=".3 0 0"/>'
+    hand = '<body pos=".5 0 0"><joint type="ball"/><geom size=".1"/><body pos=".2 0 0"><joint/><geom size=".1"/></body>'
+    both = '<body pos=".4 0 0"><joint axis="1 1 0" armature=".1"/><joint type="ball"/><geom size=".1"/></body></body>'
+    model, data = compiled(f"<body><freejoint/>{ball}</body><body><joint/>{ball}{hand}{both}</body>")
+    rng = np.random.default_rng(0)
+    data.qpos[:] = rng.normal(size=model.nq)
+    mujoco.mj_normalizeQuat(model, data.qpos)
+    mujoco.mj_forward(model, data)
+    axes, force, before = BodyAxes(model), rng.normal(size=model.nv), data.qfrc_smooth.copy()
+    assert len(axes) == 2
+    axes.apply(data, axes.to_world(force, axes.turns(data)))
+    assert np.abs(data.qfrc_applied - force).max() > 0.1
+    mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(data.qfrc_smooth - before, force, atol=1e-9)
